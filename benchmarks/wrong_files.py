@@ -239,7 +239,7 @@ FAULTS: tuple[Fault, ...] = (
     Fault("absolute pressures", "absolute", _absolute),
     Fault("all forces negative", "sign", _column(F, size=-1.0)),
     Fault("forces of a length negative", "sign", _flipped_at_a_length),
-    Fault("two muscles, one file after the other", "two muscles|of one muscle", _mixed, _other_bore),
+    Fault("two muscles, one file after the other", "two muscles|from one muscle", _mixed, _other_bore),
     Fault("two muscles, some lengths of each", "two muscles", _mixed_in_part, _lengths(6)),
     Fault("one length off by 2 to 3 %", "length .* mm is", _length_off, _lengths(4), fails=False),
     Fault("outliers", "outlier", _outliers),

@@ -1,6 +1,6 @@
-"""The page `tutorials.md`: the tutorials of `examples/` run cell by cell, with what they print and draw.
+"""Write the page `tutorials.md`: the tutorials in `examples/`, run cell by cell, with output and figures.
 
-python docs/notebooks.py            # into docs, pictures into docs/figures
+python docs/notebooks.py            # into docs, figures into docs/figures
 python docs/notebooks.py FOLDER     # or elsewhere
 """
 
@@ -18,30 +18,34 @@ EXAMPLES = Path(__file__).parents[1] / "examples"
 TUTORIALS = ("lab_tutorial", "robot_tutorial", "jax_tutorial")
 _HEAD = """# Tutorials
 
-Three scripts to run and change. Editors that know `# %%` (VS Code, Spyder, PyCharm) run them cell
-by cell; `jupytext --to ipynb` makes notebooks of them. `python docs/notebooks.py` writes this page.
+This page shows three scripts to run and change. Editors that support `# %%` cells (VS Code, Spyder,
+PyCharm) run them cell by cell; `jupytext --to ipynb` converts them to notebooks.
+`python docs/notebooks.py` writes this page.
 """
 _TAIL = """## More examples
 
-| file | shows |
+| file | contents |
 |---|---|
-| `examples/own_law.py` | a bladder law of your own, identified from readings |
-| `examples/fit_optimistix.py`, `examples/fit_optax.py` | the same fit by optimistix and by optax |
-| `examples/nuts_blackjax.py` | the posterior by NUTS |
+| `examples/own_law.py` | your own bladder law, identified from readings |
+| `examples/fit_optimistix.py`, `examples/fit_optax.py` | the same fit with optimistix and with optax |
+| `examples/nuts_blackjax.py` | the posterior, sampled by NUTS |
 | `examples/mujoco_joint.py` | an antagonistic joint in MuJoCo |
-| `examples/engines.py` | one comparison of models in this process, in others and on a cluster |
+| `examples/engines.py` | one comparison of models, run in one process, in several and on a cluster |
 """
 
 
 def cells(script: str) -> list[tuple[bool, str]]:
-    """Cells of a script with `# %%` lines: whether it is text, and its lines."""
+    """Return the cells of a script with `# %%` lines: whether each is text, and its lines."""
     kinds_and_bodies = re.split(r"^# %%(.*)\n", script, flags=re.MULTILINE)[1:]
     pairs = zip(kinds_and_bodies[::2], kinds_and_bodies[1::2], strict=True)
     return [("markdown" in kind, body.strip("\n")) for kind, body in pairs]
 
 
 def run(name: str, figures: Path) -> list[str]:
-    """Blocks of the page: text, code, what it prints, and pictures, which go into a folder."""
+    """Run a tutorial; return the blocks of its page, and write its figures into a folder.
+
+    The blocks are text, code, printed output and figures.
+    """
     names: dict[str, object] = {"__name__": name}
     blocks = []
     for is_text, body in cells((EXAMPLES / f"{name}.py").read_text(encoding="utf-8")):
@@ -63,7 +67,7 @@ def run(name: str, figures: Path) -> list[str]:
 
 
 def write(folder: Path) -> Path:
-    """The page and its pictures, made anew."""
+    """Write the page and its figures into a folder; return the page's path."""
     figures = (folder / "figures").resolve()
     figures.mkdir(parents=True, exist_ok=True)
     blocks, back = [_HEAD.strip()], Path.cwd()

@@ -1,7 +1,7 @@
-"""The pages `comparison.md` and `reproduction.md`, written from what the commands compute.
+"""Write the pages `comparison.md` and `reproduction.md` from the output of the commands.
 
-python docs/tables.py               # both, into docs
-python docs/tables.py FOLDER        # or elsewhere
+python docs/tables.py               # write both into docs
+python docs/tables.py FOLDER        # write them elsewhere
 """
 
 import json
@@ -23,26 +23,26 @@ _COMPARED = (
     "Published static force models, and famjax's own, fitted to one force map. "
     "Each is fitted to all loaded readings. Cross-validation then leaves out each pressure "
     "and each length in turn and predicts it. Judge a model by its held-out errors: with many"
-    " parameters, the error in sample is always small."
+    " parameters, the in-sample error is always small."
 )
 _ERRORS_ARE = (
-    "Errors are RMSE in N. *Pressures out*, *lengths out*: held-out errors. *Inner lengths "
-    "out*: without the shortest and the longest length, which are extrapolated. `-`: the "
-    "model cannot be fitted, or the other readings do not determine what it predicts. A star: a "
-    "parameter is at a bound of its search."
+    "Errors are RMSE in N. *Pressures out* and *lengths out* are held-out errors. *Inner lengths "
+    "out* excludes the shortest and the longest length, which are extrapolated. A dash (`-`) means that "
+    "the model cannot be fitted, or that the other readings do not determine its prediction. A star "
+    "means that a parameter is at a bound of its search."
 )
 _REPRODUCED = (
-    "Chambers 2021, chapters 2, 4, 5 and 6, computed from the inputs that the work prints. "
-    "Nothing is tuned to a figure. The table marks every figure that differs by more than its"
-    " tolerance."
+    "Chambers 2021, chapters 2, 4, 5 and 6, computed from the inputs printed in the work. "
+    "Nothing is tuned to match a figure. The table marks every figure that differs by more than "
+    "its tolerance."
 )
 
 
 def comparison(found: dict[str, dict[str, Any]]) -> str:
-    """The page of the league tables.
+    """Return the page with the comparison tables.
 
     Args:
-        found: by name of the map, what `famjax compare --json` prints.
+        found: output of `famjax compare --json`, by the name of the map.
     """
     commands = _fence(COMPARE.format(name) for name in found)
     parts = ["# Comparison of models", _COMPARED, _WRITTEN, commands, _ERRORS_ARE]
@@ -60,7 +60,7 @@ def comparison(found: dict[str, dict[str, Any]]) -> str:
             for row in table["models"]
         ]
         parts.append(_table(("model", "parameters", *_ERRORS.values()), rows))
-    parts.append("`famjax-compare/compare.json` has notes on single models.")
+    parts.append("`famjax-compare/compare.json` contains notes on individual models.")
     return "\n\n".join(parts) + "\n"
 
 
@@ -73,10 +73,10 @@ _ERRORS = {
 
 
 def reproduction(rows: list[dict[str, Any]]) -> str:
-    """The page of the reference work's figures.
+    """Return the page with the reference work's figures.
 
     Args:
-        rows: what `famjax reproduce --json` prints.
+        rows: output of `famjax reproduce --json`.
     """
     compared = [row for row in rows if row["within"] is not None]
     out = [row for row in compared if row["verdict"] == "outside"]
@@ -84,8 +84,8 @@ def reproduction(rows: list[dict[str, Any]]) -> str:
     right = len(compared) - len(misprints)
     known = f"**{right - len(out)} of {right}** printed figures agree within their"
     more = (
-        f"{len(misprints)} more are misprints by the work's own other figures; "
-        f"{len(rows) - len(compared)} are computed for which no printed figure was available."
+        f"{len(misprints)} more are misprints according to other figures in the work; "
+        f"{len(rows) - len(compared)} computed figures have no printed counterpart."
     )
     parts = [
         "# Reproduction of the reference work",
@@ -119,12 +119,12 @@ def _rows(rows: Sequence[dict[str, Any]]) -> str:
         )
         for row in rows
     ]
-    header = ("figure", "published", "computed", "tolerance", "unit", "verdict", "tolerance is")
+    header = ("figure", "published", "computed", "tolerance", "unit", "verdict", "tolerance basis")
     return _table(("table", *header), cells)
 
 
 def _notes(tables: Iterable[str]) -> list[str]:
-    """Return the known reasons why these tables differ."""
+    """Return the known reasons for the differences in these tables."""
     script = runpy.run_path(str(ROOT / "examples" / "chambers2021" / "notes.py"))
     of = dict(script["NOTES"])
     return [f"**{table}.** {of[table]}" for table in tables if table in of]
@@ -151,7 +151,7 @@ def printed(command: str, folder: Path) -> Any:
 
 
 def write(folder: Path) -> list[Path]:
-    """Both pages, computed anew; their files."""
+    """Compute and write both pages; return their paths."""
     with tempfile.TemporaryDirectory() as place:
         tables = {name: printed(COMPARE.format(name), Path(place)) for name in MAPS}
         rows = printed(REPRODUCE, Path(place))

@@ -1,6 +1,6 @@
-"""Simulate a valve filling a bundled muscle that lifts 20 kg, and differentiate by the valve's lag.
+"""Simulate a bundled muscle lifting 20 kg, and differentiate the lift with respect to the valve's lag.
 
-python examples/dynamics.py           # prints, and writes dynamics.svg
+python examples/dynamics.py           # print the lift, and write dynamics.svg
 """
 
 import jax

@@ -1,4 +1,4 @@
-"""Run one comparison on every installed executor; all give the same numbers."""
+"""Run one comparison on every installed executor; the results are identical."""
 
 import multiprocessing
 import tempfile

@@ -1,8 +1,8 @@
-"""JAX: gradients, a batch of bladder laws, and a law of your own."""
+"""JAX: gradients, a batch of bladder laws, and your own law."""
 
 # %% [markdown]
-# ## JAX: gradients, batches of laws, a law of your own
-# A muscle is an equinox module, a pytree of arrays. `jit`, `vmap` and `grad` take it as it is.
+# ## JAX: gradients, batches of laws, your own law
+# A muscle is an equinox module, a pytree of arrays. `jit`, `vmap` and `grad` accept it directly.
 
 # %%
 import jax
@@ -17,11 +17,11 @@ braid = famjax.Braid.from_rest(diameter=0.0236, braid_angle=jnp.deg2rad(61.7), l
 shape = famjax.EstimatedGeometry(braid, famjax.Bladder(0.296, 0.0236, 0.0018, embedded=True))
 E = jnp.array([5.9e6, -19.0e6, 25.8e6])  # E_1, E_2, E_3 in Pa
 muscle = famjax.Muscle(shape, famjax.PolynomialMaterial(E), deadband_pressure=40e3)
-print(f"pull at 270 mm and 5 bar: {muscle.force(0.27, 5e5):.1f} N")
+print(f"force at 270 mm and 5 bar: {muscle.force(0.27, 5e5):.1f} N")
 
 # %% [markdown]
-# `with_parameters` makes the force a function of every number of the muscle, so `grad` gives all
-# sensitivities at once. An equilibrium has derivatives too, by the implicit function theorem.
+# `with_parameters` makes the force a function of all parameters of the muscle, so `grad` returns all
+# sensitivities at once. Equilibria can also be differentiated, by the implicit function theorem.
 
 # %%
 numbers = muscle.parameters()
@@ -31,8 +31,8 @@ for name, slope in slopes.items():
 print(f"free contraction grows by {1e5 * jax.grad(muscle.free_contraction)(5e5):.4f} per bar")
 
 # %% [markdown]
-# A batch of bladder laws is a `vmap` over the coefficients. `throw=False` returns nan where a
-# muscle has no equilibrium, so one member does not stop the batch.
+# To compute a batch of bladder laws, `vmap` over the coefficients. With `throw=False` the result is nan
+# where a muscle has no equilibrium, so one member does not stop the batch.
 
 
 # %%
@@ -48,8 +48,8 @@ blocked, free = blocked_and_free(stiffness[:, None] * E)
 print(f"101 laws: {free[0]:.3f} to {free[-1]:.3f} free contraction")
 
 # %% [markdown]
-# A law of your own is a class with an energy. Its stresses follow by differentiation, and every
-# equilibrium, fit and card takes it: `famjax fit --law my_module:Fung`.
+# To define your own law, write a class with a strain energy. The stresses are computed by
+# differentiation. The law works in every equilibrium, fit and card: `famjax fit --law my_module:Fung`.
 
 
 # %%

@@ -2,8 +2,8 @@
 
 # %% [markdown]
 # ## Lab: from a CSV file to a fit and its checks
-# A force map is a CSV file whose columns name their units. A published map of a Festo DMSP-20
-# stands in for your file.
+# A force map is a CSV file whose column names include the units. Here, a published map of a Festo
+# DMSP-20 is used instead of your file.
 
 # %%
 from pathlib import Path
@@ -20,8 +20,8 @@ fitting.load_bundled("DMSP-20-300").to_pandas()[columns].to_csv("map.csv", index
 print("".join(Path("map.csv").read_text().splitlines(keepends=True)[:3]))
 
 # %% [markdown]
-# Say what the file does not: the specimen, in SI. Then compare the ranges with those of your test.
-# Unit errors show up here first.
+# State what the file does not contain: the dimensions of the specimen, in SI units. Then compare the
+# ranges with those of your test. Unit errors show up here first.
 
 # %%
 size = {"rest_length": 0.296, "nominal_diameter": 0.02, "wall_thickness": 0.0018}  # m
@@ -29,7 +29,7 @@ data = fitting.read_csv("map.csv", {"name": "mine", "embedded": True, **size})
 print(data)
 
 # %% [markdown]
-# `choose` does what `famjax fit` does. It fits five bladder laws, each with a deadband and with a
+# `choose` does the same as `famjax fit`. It fits five bladder laws, each with a deadband and with a
 # compliant rig. It keeps the model with the smallest cross-validation error.
 
 # %%
@@ -41,7 +41,7 @@ print(f"held out, lengths between others: {held_out['length'].interior_rmse:.2f}
 
 # %% [markdown]
 # Check the parameters. A parameter at a bound has no standard error. The warnings name ridges:
-# parameters that the readings determine only together.
+# parameters that the readings determine only jointly.
 
 # %%
 for one in fit.estimates:
@@ -64,7 +64,7 @@ print(f"at most {steeper.max():.2f} times as steep as the mean slope between two
 fitting.plot_fit(fit).savefig("lab_fit.svg", metadata={"Date": None})
 
 # %% [markdown]
-# Save the fit and predict, with the interval that holds 95 % of single readings.
+# Save the fit, and predict with the interval that contains 95 % of single readings.
 
 # %%
 fitting.write_fit(fit, Path("fit"), evidence=Evidence(error=choice.error), choice=choice)

@@ -1,4 +1,4 @@
-"""Control a MuJoCo joint with two muscles: angle and stiffness against gravity and a push."""
+"""Control the angle and stiffness of a MuJoCo joint with two muscles, under gravity and a push."""
 
 import jax
 import mujoco

@@ -1,4 +1,4 @@
-"""Sample the posterior of a muscle by NUTS (blackjax) through its public parameters, within bounds."""
+"""Sample the posterior of a muscle with NUTS (blackjax) through its public parameters, within bounds."""
 
 import blackjax
 import jax

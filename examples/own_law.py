@@ -1,6 +1,6 @@
-"""Define a bladder law, Gent's, which stiffens towards a limit; and identify it.
+"""Define Gent's bladder law, which stiffens towards a limit, and identify it.
 
-python examples/own_law.py            # or: famjax fit --law own_law:Gent  in this folder
+python examples/own_law.py            # or, in this folder: famjax fit --law own_law:Gent
 """
 
 import jax

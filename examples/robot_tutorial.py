@@ -1,9 +1,10 @@
-"""Robot: a bundled muscle, the pressures for its forces, a load in MuJoCo and code in C."""
+"""Robot: a bundled muscle, pressures for given forces, a load in MuJoCo, and C code."""
 
 # %% [markdown]
 # ## Robot: from a muscle card to MuJoCo and C
-# A card is a muscle in a file. Two come with famjax, and `famjax card` writes one from a fit.
-# `card.safe()` is the muscle for simulators: it never pushes and has a force at any length.
+# A card is a file that describes a muscle. famjax includes two, and `famjax card` writes one from a
+# fit. `card.safe()` is the muscle for simulators: it never pushes, and its force is finite at any
+# length.
 
 # %%
 import sys
@@ -22,8 +23,8 @@ print(card)
 print("forces at 4 bar:", *(f"{muscle.force(L, 4e5):.0f} N" for L in (0.30, 0.27, 0.24, 0.10)))
 
 # %% [markdown]
-# The inverse map gives the pressure for a force. A force out of reach is answered by the nearest
-# pressure and a code, so a batch never fails.
+# The inverse map returns the pressure for a force. If the force cannot be reached, the result is the
+# nearest pressure and a code, so a batch never fails.
 
 # %%
 found = pressure_for_force(card.muscle, jnp.array([200.0, 500.0, 5000.0]), 0.28, (0.0, 6e5))
@@ -31,8 +32,8 @@ for pressure, word in zip(found.pressure, Outcome.words(found.code), strict=True
     print(f"{pressure / 1e3:.1f} kPa, {word}")
 
 # %% [markdown]
-# A load hangs at the length where the pull is its weight. Derivatives go through this equilibrium:
-# one program gives length and lift per bar for all pressures.
+# A load hangs at the length where the muscle's force equals its weight. This equilibrium can be
+# differentiated: one program computes length and lift per bar for all pressures.
 
 # %%
 pressures = jnp.linspace(1e5, 6e5, 26)
@@ -41,8 +42,8 @@ lengths, slopes = jax.jit(jax.vmap(hung))(pressures)
 print(f"200 N at 5 bar: {1e3 * lengths[20]:.1f} mm, lifted {-1e8 * slopes[20]:.2f} mm/bar")
 
 # %% [markdown]
-# Export the muscle. `robot.c` needs no library. The XML for MuJoCo is a load that hangs on the
-# muscle; `install` connects the muscle to the actuator, whose control is the pressure in Pa.
+# Export the muscle. `robot.c` needs no library. The XML file for MuJoCo models a load that hangs from
+# the muscle; `install` connects the muscle to the actuator, whose control is the pressure in Pa.
 
 # %%
 subject = famjax.export.Subject("robot", muscle, card)

@@ -1,9 +1,10 @@
 """Fluidic artificial muscles as pure JAX functions: geometry, strain, stress, force, design.
 
-Values are SI unless a caller keeps another consistent set. The library never changes JAX's
+Values are in SI units unless the caller uses another consistent set. The library never changes JAX's
 configuration; float64 is the caller's choice (`jax.config.update("jax_enable_x64", True)`).
-Start with `Muscle`, made of a geometry (`famjax.geometries`) and force terms (`famjax.terms`) or a
-bladder law (`famjax.materials`); `famjax.peers` has the models of other authors.
+Start with `Muscle`, which combines a geometry (`famjax.geometries`) with force terms
+(`famjax.terms`) or a bladder law (`famjax.materials`). `famjax.peers` contains models published by
+other authors.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""The command `famjax`, as `python -m famjax`."""
+"""Run the command `famjax` as `python -m famjax`."""
 
 from .app.cli import main
 

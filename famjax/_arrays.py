@@ -1,4 +1,4 @@
-"""Array types of public annotations, conversion to arrays, and compilation of functions and methods."""
+"""Array types for public annotations, conversion to arrays, and compilation of functions and methods."""
 
 import functools
 from collections.abc import Callable, Sequence
@@ -50,7 +50,7 @@ def as_number(values: ArrayLike | Sequence[Any]) -> RealArray:
 
 
 def in_trace() -> bool:
-    """Return True while JAX is tracing, for example inside `jax.jit`; compiles nothing."""
+    """Return True while JAX is tracing, for example inside `jax.jit`. Nothing is compiled."""
     return isinstance(jax.device_put(_NOTHING), Tracer)
 
 
@@ -62,7 +62,7 @@ _jit: Any = eqx.filter_jit
 
 
 def compiled(function: Callable[_P, _T]) -> Callable[_P, _T]:
-    """Compile a module-level function of arrays; inside a trace it is inlined."""
+    """Compile a module-level function of arrays. Inside a trace, the function is inlined."""
     return promoting(_jit(function, inline=True))
 
 
@@ -78,9 +78,9 @@ def promoting(function: Callable[_P, _T]) -> Callable[_P, _T]:
 
 
 def compiled_method(method: _Method, jit: Callable[..., Any] = compiled) -> _Method:
-    """Compile a method of a module whose arguments are numbers or arrays.
+    """Compile a module's method whose arguments are numbers or arrays.
 
-    Without it, the first call outside `jax.jit` would compile a program for every operation, which takes
+    Otherwise, the first call outside `jax.jit` would compile a program for every operation, which takes
     up to four times as long.
 
     Args:
@@ -125,15 +125,15 @@ def of_each(
 ) -> RealArray:
     """Apply a function to several models, each with its own arguments.
 
-    Models of equal structure are stacked and mapped, so the function is compiled once.
+    Models with the same structure are stacked and mapped, so the function is compiled once.
 
     Args:
         function: takes a model and its arguments.
         models: equinox modules.
-        *arguments: one sequence for each argument, with one entry of the same shape for each model.
+        *arguments: one sequence per argument, with one entry per model; its entries have the same shape.
 
     Returns:
-        Array with a leading axis of models.
+        Array whose leading axis runs over the models.
     """
     kinds = [
         jax.tree.map(lambda x: (x.shape, str(x.dtype)) if eqx.is_array(x) else x, one)
@@ -149,9 +149,9 @@ def of_each(
 
 
 def over_slope(linear: Callable[[RealArray], RealArray], value: RealArray) -> RealArray:
-    """Return the x at which a linear function of a scalar equals a value: the `tangent_solve` of a root.
+    """Return the x at which a linear scalar function equals a value, as `tangent_solve` of `custom_root`.
 
-    If the slope is zero or not finite there is no root. The value itself is then returned, so that this
+    If the slope is zero or not finite, there is no root. The value itself is then returned, so that this
     member of a batch does not affect the derivatives of the others.
     """
     slope = linear(jnp.ones_like(value))

@@ -1,4 +1,4 @@
-"""Cells of a table: decoding of a text or workbook, delimiter, decimal sign and column names."""
+"""Cells of a table: decode a text file or workbook; find delimiter, decimal sign and column names."""
 
 import codecs
 import csv
@@ -25,12 +25,12 @@ MOST_BYTES = 500e6  # limit of a file, and of an unpacked workbook
 _MOST_CELLS = 20e6  # limit of a sheet
 _SAMPLE = 2000  # number of lines from which delimiter and decimal sign are determined
 NEAREST = 6
-"""Number of rows above the numbers searched for names, and below them to judge a column."""
+"""Number of rows searched for names above the numbers, and of rows of numbers checked in a column."""
 DAMAGED = (
     ValueError, TypeError, LookupError, AttributeError, ArithmeticError, OSError, EOFError, SyntaxError,
     RuntimeError, MemoryError, zipfile.BadZipFile, zlib.error,
 )  # fmt: skip
-"""Errors raised by readers of damaged workbooks."""
+"""Errors that a reader may raise on a damaged workbook."""
 _GROUPS = {
     ".": re.compile(r"[+-]?[1-9]\d{0,2}(?:[, ']\d{3})+(?:\.\d*)?"),
     ",": re.compile(r"[+-]?[1-9]\d{0,2}(?:[. ']\d{3})+(?:,\d*)?"),
@@ -57,7 +57,7 @@ def read_bytes(source: Any) -> bytes:
         )  # of an open text, whatever its encoding is said to be
         held = file.read() if hasattr(file, "read") else Path(file).read_bytes()
     except OSError as error:
-        raise InputError(f"cannot read it: {error.strerror}") from None
+        raise InputError(f"cannot read the file: {error.strerror}") from None
     return held.encode() if isinstance(held, str) else bytes(held)
 
 
@@ -65,7 +65,9 @@ def decoded_text(data: bytes) -> str:
     """Decode a file as UTF-16, with or without byte order mark, UTF-8 or cp1252."""
     head = data[:200].lstrip(b"\xef\xbb\xbf \r\n\t").lower()
     if head.startswith((b"\xd0\xcf\x11\xe0", b"<?xml", b"<!doctype", b"<html", b"<table")):
-        raise InputError("it is an old workbook, XML or HTML, not a text: save it as .xlsx or CSV")
+        raise InputError(
+            "this is an old workbook, XML or HTML, not a text file: save it as .xlsx or CSV"
+        )
     encodings = ["utf-8-sig", "cp1252"]
     if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         encodings = ["utf-16"]
@@ -80,30 +82,31 @@ def decoded_text(data: bytes) -> str:
             continue
         if "\0" not in text:
             return text.removeprefix("\ufeff")
-    raise InputError("it is not a text file in UTF-8, UTF-16 or cp1252: export it as text")
+    raise InputError("this is not a text file in UTF-8, UTF-16 or cp1252: export it as text")
 
 
 def check_workbook(data: bytes) -> None:
-    """Refuse a workbook that unpacks to too much, reaches too far or defines entities.
+    """Reject a workbook that is too large when unpacked, has too large a sheet, or defines XML entities.
 
-    Python reads no more of a part than the archive states. No part of a workbook has a document type.
+    Python reads no more of a part than the size stated in the archive. No part of a genuine workbook has
+    a document type.
     """
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         if (size := sum(part.file_size for part in archive.infolist())) > MOST_BYTES:
             raise InputError(
-                f"the workbook unpacks to {size / 1e6:.0f} MB, {MOST_BYTES / 1e6:.0f} at most are read: "
-                "save its table as CSV"
+                f"the workbook unpacks to {size / 1e6:.0f} MB, above the limit of "
+                f"{MOST_BYTES / 1e6:.0f} MB: save its table as CSV"
             )
         for part in archive.infolist():
             content = archive.read(part).replace(b"\0", b"")
             if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
                 raise InputError(
-                    "the workbook defines entities, no spreadsheet does: save it as CSV"
+                    "the workbook defines XML entities, which no spreadsheet does: save it as CSV"
                 )
             places = re.findall(rb'<(?:\w+:)?c\s[^>]*?r="([A-Z]+)(\d+)"', content)
             width, rows = (max(map(f, places), default=0) for f in (_width, lambda at: int(at[1])))
             if width * rows > _MOST_CELLS:
-                raise InputError("a sheet of the workbook reaches too far: save the table as CSV")
+                raise InputError("a sheet in the workbook is too large: save the table as CSV")
 
 
 def _width(place: tuple[bytes, bytes]) -> int:
@@ -121,14 +124,14 @@ def cell_text(cell: Any) -> str:
 
 @dataclasses.dataclass(frozen=True)
 class Sheet:
-    """A table in cells.
+    """A table split into cells.
 
     Attributes:
-        rows: line number (from 1) and cells of every row from the first reading on.
-        names, below, beside: for every column its name, its unit from a row of units, and other words
+        rows: line number (from 1) and cells of every row, from the first reading on.
+        names, below, beside: for each column, its name, its unit from a row of units, and other words
             above or below the name; "" if missing.
         decimal: decimal sign, "." or ",".
-        grouped: True if thousands may be grouped, as some numbers show.
+        grouped: True if thousands may be grouped, because some numbers are.
         comments: lines that begin with #.
     """
 
@@ -142,14 +145,16 @@ class Sheet:
 
 
 def split_text(text: str, asked: Asked) -> Sheet:
-    """Split a text into cells by the delimiter that yields most names and numbers."""
+    """Split text into cells at the delimiter that yields the most names and numbers."""
     lines = text.splitlines()
     stated = re.fullmatch(r'(?i)"?sep=(.)"?\s*', lines[0]) if lines else None
     held = [(n, one) for n, one in enumerate(lines, 1) if one.strip(" \t;,|")][bool(stated) :]
     comments = tuple(one.strip(" \t,;") for _, one in held if one.lstrip(' "').startswith("#"))
     body = [(n, one) for n, one in held if not one.lstrip(' "').startswith("#")]
     if not body:
-        raise InputError("the file is empty; it needs names such as pressure_kPa,length_mm,force_N")
+        raise InputError(
+            "the file is empty; it needs column names such as pressure_kPa,length_mm,force_N"
+        )
     found: list[tuple[tuple[float, ...], str]] = []
     for rank, delimiter in enumerate([stated[1]] if stated else "\t;,| "):
         rows = [(n, _cells(line, delimiter)) for n, line in body[:_SAMPLE]]
@@ -162,8 +167,9 @@ def split_text(text: str, asked: Asked) -> Sheet:
             found.append(((known, share, width, -rank), delimiter))
     if not found:
         raise InputError(
-            "a header but no readings, or no block of numbers: rows of two numbers and more are needed, "
-            f"{asked.fewest} at least, separated by tab, semicolon, comma, bar or blanks"
+            "the file has a header but no readings, or no block of numbers: it needs at least "
+            f"{asked.fewest} row(s) of two or more numbers, separated by tabs, semicolons, commas, bars or "
+            "blanks"
         )
     delimiter = max(found)[1]
     plain = '"' not in text if delimiter == "," else "," not in text
@@ -190,8 +196,8 @@ def sheet_of(
     for line, row in body if delimiter == "," and named else ():
         if len(row) > named and all(map(looks_number, row)):
             raise InputError(
-                f"line {line} has {len(row)} numbers under {named} names: commas may separate decimals or "
-                "thousands. Export with semicolons between the columns, or name every column"
+                f"line {line} has {len(row)} numbers under {named} names: the extra commas may be decimal "
+                "or thousands separators. Export with semicolons between the columns, or name every column"
             )
     sign, grouped = _decimal(inside, asked.columns.get("decimal"), delimiter)
     return Sheet(body, names, below, beside, sign, grouped, comments)
@@ -206,14 +212,14 @@ def _cells(line: str, delimiter: str) -> tuple[str, ...]:
 
 
 def trimmed_cells(cells: tuple[str, ...]) -> tuple[str, ...]:
-    """Remove empty cells behind the last column."""
+    """Remove empty cells after the last column."""
     while cells and not cells[-1]:
         cells = cells[:-1]
     return cells
 
 
 def _ascii(cell: str) -> str:
-    """Replace the Unicode minus, apostrophe and narrow blanks of a number by ASCII signs."""
+    """Replace the Unicode minus, apostrophe and narrow spaces in a number with ASCII characters."""
     if cell.isascii():
         return cell
     return re.sub("[\u00a0\u2009\u202f]", " ", cell).replace("\u2212", "-").replace("\u2019", "'")
@@ -304,10 +310,10 @@ def _header(
 def _decimal(
     rows: Sequence[tuple[str, ...]], given: str | None, delimiter: str
 ) -> tuple[str, bool]:
-    """Return the decimal sign, and whether thousands are grouped; raise an error if it is ambiguous."""
+    """Return the decimal sign and whether thousands are grouped; raise an error if ambiguous."""
     if given is not None:
         if given not in {".", ","}:
-            raise InputError(f"--column decimal={given}: the decimal sign is . or ,")
+            raise InputError(f"--column decimal={given}: the decimal sign must be . or ,")
         return given, True
     certain: dict[str, str] = {}  # sign, and an example of it
     doubtful: dict[str, str] = {}  # may separate thousands
@@ -325,11 +331,11 @@ def _decimal(
             doubtful.setdefault(sign, plain)
         else:
             certain.setdefault(sign, plain)
-    remedy = "say which sign is the decimal one, --column decimal=, or --column decimal=."
+    remedy = "specify the decimal sign with --column decimal=, or --column decimal=."
     if len(certain) == 2 or ("," in certain and "." in doubtful and not grouped):
         one, two = certain.get(".") or doubtful["."], certain[","]
         raise InputError(
-            f"{one!r} has a point and {two!r} a comma: write all with one sign, or {remedy}"
+            f"{one!r} has a point and {two!r} has a comma: use one decimal sign throughout, or {remedy}"
         )
     if not certain and ("," in doubtful or (doubtful and delimiter == ";")):
         cell = doubtful.get(",") or doubtful["."]

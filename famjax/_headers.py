@@ -1,4 +1,4 @@
-"""Interpret column names: quantity, unit, or other meaning. The words are in data/tables.toml."""
+"""Interpret column names: quantity, unit, or other meaning. The vocabulary is in data/tables.toml."""
 
 import functools
 import importlib.resources
@@ -14,7 +14,7 @@ KINDS = {
     "time": "time", "displacement": "length", "force": "force", "pressure": "pressure",
     "length": "length", "contraction": "contraction", "valve_state": "state",
 }  # fmt: skip
-"""Kind of unit for every quantity of a table; `force_std` has the kind of `force`."""
+"""Kind of unit for each quantity in a table; `force_std` has the same kind as `force`."""
 _LONGEST = 40  # characters of a cell shown in a message
 _WORDS = tomllib.loads(
     (importlib.resources.files("famjax") / "data" / "tables.toml").read_text(encoding="utf-8")
@@ -47,18 +47,18 @@ _FORMULA = re.compile(r"[*^|=+\u00d7\u221a]|/\s*\d|^\s*[-\d]")
 
 
 class Column(NamedTuple):
-    """Meaning of a table column, from its name and unit.
+    """Meaning of a table column, inferred from its name and unit.
 
     Attributes:
         name: name in the table.
         title: name without the unit.
         unit: unit as written, "" if there is none.
-        quantity: measured quantity, one of `KINDS` or `force_std` and the like; None if there is none.
+        quantity: measured quantity, a key of `KINDS` with or without the suffix `_std`; None if none.
         reason: other meaning of the column, if it is not a measurement of the muscle; else "".
         plain: True if every word is known and the name is not a formula.
         absolute: True for absolute pressure, False for gauge pressure, None if unspecified.
         place: column index, from 0.
-        size: multiplier to SI.
+        size: factor that converts to SI.
         named: True if the user assigned the column.
         first: value of the first reading, in the unit as written.
     """
@@ -80,20 +80,20 @@ class Column(NamedTuple):
 
 
 def shortened(text: str) -> str:
-    """Quote a text for a message and cut it if it is long."""
+    """Quote text for a message, truncated if it is long."""
     return repr(text if len(text) <= _LONGEST else text[:_LONGEST] + "...")
 
 
 def kind_of(quantity: str) -> str:
-    """Return the kind of unit of a quantity."""
+    """Return a quantity's kind of unit."""
     return KINDS[quantity.removesuffix("_std")]
 
 
 def unit_size(unit: str, kind: str) -> tuple[float, bool | None] | None:
-    """Return the multiplier of a unit to SI, in any manufacturer's spelling; None if it is unknown.
+    """Return the factor that converts a unit to SI, in any manufacturer's spelling; None if unknown.
 
     Returns:
-        The multiplier, and for a pressure True (absolute), False (gauge) or None (unspecified).
+        The factor and, for a pressure, True (absolute), False (gauge) or None (unspecified).
 
     >>> unit_size("mbar", "pressure"), unit_size("kgf/cm^2", "pressure"), unit_size("psia", "pressure")[1]
     ((100.0, None), (98066.5, None), True)
@@ -143,12 +143,12 @@ def _parts(word: str) -> tuple[str, ...]:
 
 
 def _strange(text: str) -> bool:
-    """Return True if no word of the text is known: it may be an unknown unit."""
+    """Return True if no word in the text is known: the text may be an unknown unit."""
     return not any(word in _KNOWN or word in _HEADS for word in tokens_of(text))
 
 
 def split_unit(text: str) -> tuple[str, str]:
-    """Split `Load (N)`, `Weg / mm`, `time_s` or `Force, N` into name and unit, "" if there is none."""
+    """Split `Load (N)`, `Weg / mm`, `time_s` or `Force, N` into name and unit; the unit may be ""."""
     unknown: list[tuple[str, str]] = []
     for pattern in _BRACKETS:
         for match in reversed(list(pattern.finditer(text))):
@@ -176,11 +176,11 @@ def joined_mode(text: str) -> str:
 
 @functools.lru_cache(4096)
 def judge(name: str, below: str = "") -> Column:
-    """Interpret the name of a column.
+    """Interpret a column name.
 
     Args:
         name: name in the table.
-        below: unit from a separate row.
+        below: unit from a separate row of units.
 
     >>> judge("Pressure setpoint (psi)").reason, judge("Kraft [kN]").unit, judge("p abs. / mbar").absolute
     ('a set point or command', 'kN', True)

@@ -1,14 +1,15 @@
 """Equilibrium of bladder, pressure and threads: modes, local densities and guarded Newton steps.
 
-At the material coordinate Z a muscle has radius r, slope s = r', pull F and the radial component p of
-its meridional force. The shape is the stationary point of the integral over Z of
+At the material coordinate Z, a muscle has radius r, slope s = r', axial force F and the radial
+component p of its meridional force. The shape is the stationary point of the integral over Z of
 
     G = p s - mu sqrt(m^2 + p^2) + W,    m = P pi r^2 + F,    mu^2 = (B (1 + e))^2 - (2 pi N r)^2
 
-where W is the strain energy of bladder and threads per Z, and e is the strain of the threads.
-Eliminating p gives the energy, G = W - m z' with z'^2 = mu^2 - s^2. With p, steep shoulders are not
-singular. r is a sum of modes. p and e are unknowns at the quadrature stations, where they are eliminated
-one by one. F is the multiplier of the length, which is the integral of z' = mu m / sqrt(m^2 + p^2).
+where W is the strain energy of bladder and threads per unit Z, and e is the strain of the threads.
+Eliminating p gives the energy, G = W - m z' with z'^2 = mu^2 - s^2. Keeping p avoids a singularity at
+steep shoulders. r is a sum of modes. p and e are unknowns at the quadrature stations, where they are
+eliminated one by one. F is the Lagrange multiplier of the length, the integral of
+z' = mu m / sqrt(m^2 + p^2).
 """
 
 import dataclasses
@@ -36,13 +37,13 @@ _STIFF = 1e6  # penalty of a reduced Hessian on a change of the length
 
 
 class Rule(NamedTuple):
-    """Stations of one section and the modes of the radius there.
+    """Stations in one section, and the modes of the radius at these stations.
 
     Attributes:
         x: stations in the section, 0 to 1, shape (stations,).
         weights: quadrature weights in Z, shape (stations,).
-        values, slopes: value and derivative in Z of every mode, shape (stations, modes). The first modes
-            are hat functions, one for each border of the sections, including both fittings.
+        values, slopes: value of every mode and its derivative with respect to Z, shape (stations, modes).
+            The first modes are hat functions, one for each section boundary, including both fittings.
     """
 
     x: np.ndarray
@@ -60,7 +61,7 @@ class Rule(NamedTuple):
 
 @functools.cache
 def rules(shares: tuple[float, ...], order: int) -> tuple[Rule, ...]:
-    """Return the rule of every section, with integrated Legendre polynomials up to an order."""
+    """Return the rule for each section, with integrated Legendre polynomials up to a given order."""
     nodes, weights = np.polynomial.legendre.leggauss(3 * order // 2 + 4)
     return tuple(
         Rule((1 + nodes) / 2, weights * share / 2, *modes(shares, order, i, nodes))
@@ -71,7 +72,7 @@ def rules(shares: tuple[float, ...], order: int) -> tuple[Rule, ...]:
 def modes(
     shares: tuple[float, ...], order: int, section: int, at: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the modes of the radius and their derivatives in Z at positions -1 to 1 of a section."""
+    """Return the modes of the radius and their Z-derivatives at positions from -1 to 1 in a section."""
     borders, bubbles = len(shares) + 1, order - 1
     values = np.zeros((at.size, borders + len(shares) * bubbles))
     slopes = np.zeros_like(values)
@@ -86,7 +87,7 @@ def modes(
 
 
 class Part(eqx.Module):
-    """Braid, bladder and material of a section, each described as if it formed the whole muscle."""
+    """Braid, bladder and material of a section, each described as if the section were the whole muscle."""
 
     braid: AbstractBraid
     bladder: Bladder
@@ -98,7 +99,7 @@ class Part(eqx.Module):
         return self.braid.threads_tension(0.0) is not None
 
     def place(self, radius: RealArray, stretch: RealArray) -> tuple[RealArray, ...]:
-        """Return the meridian per Z [m], its square [m2], and the outer radius of the bladder [m]."""
+        """Return the meridian per unit Z [m], its square [m2], and the bladder's outer radius [m]."""
         around = 2 * jnp.pi * self.braid.turns * radius
         thread = self.braid.rest_thread_length * (1 + stretch)
         squared = (thread - around) * (thread + around)
@@ -106,12 +107,12 @@ class Part(eqx.Module):
         return jnp.sqrt(squared), squared, radius - inset
 
     def strains(self, radius: RealArray, stretch: RealArray) -> tuple[RealArray, RealArray]:
-        """Strains [-] of the bladder along the meridian and around the axis, at mid-wall."""
+        """Return the bladder's mid-wall strains [-] along the meridian and around the axis."""
         meridian, _, outer = self.place(radius, stretch)
         return self.bladder.axial_strain(meridian), self.bladder.hoop_strain(meridian, outer)
 
     def resistances(self, strains: Float[Array, "3"], pressure: RealArray) -> Float[Array, "3"]:
-        """Energy per Z and strain [J] for the strains of the bladder, along and around, and threads."""
+        """Return the energy per unit Z and strain [J] for the axial, hoop and thread strains."""
         axial, hoop, stretch = strains
         stress = self.material.stresses(axial, hoop, pressure)
         volume, tension = self.bladder.volume, self.braid.threads_tension(stretch)
@@ -123,19 +124,19 @@ class Part(eqx.Module):
         ])  # fmt: skip
 
     def tapered(self, other: Bladder | None, x: np.ndarray) -> "Part":
-        """Return the section at stations 0 to 1, with a bladder that changes linearly to another one."""
+        """Return the section at stations from 0 to 1, with a bladder that tapers linearly to another."""
         far = self.bladder if other is None else other
         bladder = jax.tree.map(lambda a, b: a + (b - a) * x.astype(a.dtype), self.bladder, far)
         return Part(self.braid, bladder, self.material)
 
 
 def full(state: RealArray) -> RealArray:
-    """Return radius, slope, pull, radial force p and stretch e of a state; e is 0 if it is missing."""
+    """Return radius, slope, axial force, radial force p and stretch e of a state; e is 0 if missing."""
     return state if state.shape[-1] == 5 else jnp.concatenate([state, jnp.zeros_like(state[:1])])
 
 
 def _lagrangian(state: RealArray, held: RealArray, part: Part, pressure: RealArray) -> RealArray:
-    """Return G with W to first order, for given derivatives of W in the strains."""
+    """Return G with W linearised, for given derivatives of W with respect to the strains."""
     radius, slope, force, across, stretch = full(state)
     along = pressure * jnp.pi * radius**2 + force
     meridian, *_ = part.place(radius, stretch)
@@ -174,14 +175,14 @@ def _room(
 
 
 Unknowns = tuple[Float[Array, " _"], tuple[Float[Array, "_ _"], ...]]
-"""Modes of the radius and the pull, of order one; p and e at the stations of every section."""
+"""Modes of the radius and the axial force, of order one; p and e at the stations in each section."""
 
 
 class Balance(eqx.Module):
-    """Equations of a muscle at one length and pressure, with the scales of the unknowns.
+    """Equilibrium equations of a muscle at one length and pressure, with the scales of the unknowns.
 
     Attributes:
-        parts: sections, with bladders at their stations.
+        parts: sections, with the bladder at each of their stations.
         ends: radius [m] at both fittings, shape (2,).
         length: L [m]; a guess if a load is given.
         pressure: P [Pa].
@@ -245,18 +246,18 @@ class Balance(eqx.Module):
 
     @property
     def odd(self) -> np.ndarray:
-        """Mask of the modes that are odd about the middle, which half a muscle does not have."""
+        """Mask of the modes that are odd about the middle, which are zero in a symmetric muscle."""
         degree = np.arange(2, self.free.size + 2)
         return np.append((degree % 2 == 1) & self.halved, False)
 
     @property
     def scales(self) -> Float[Array, " unknowns"]:
-        """Scales of the modes of the radius [m] and of the pull [N]."""
+        """Scales of the modes of the radius [m] and of the axial force [N]."""
         pull = np.arange(self.free.size + 1) == self.free.size
         return jnp.where(pull, self.force_scale, self.radius_scale)
 
     def columns(self, rule: Rule) -> tuple[np.ndarray, np.ndarray]:
-        """Return matrices from end radii and from unknowns to radius, slope and pull at the stations."""
+        """Return the matrices that map end radii and unknowns to radius, slope and force at stations."""
         both = np.stack([rule.values, rule.slopes, np.zeros_like(rule.values)], axis=1)
         free, size = self.free, self.free.size
         linear = np.zeros((rule.x.size, 3, size + 1))
@@ -265,17 +266,17 @@ class Balance(eqx.Module):
         return both[..., [0, len(self.shares)]].astype(dtype), linear.astype(dtype)
 
     def outer(self, rule: Rule, y: Float[Array, " unknowns"]) -> Float[Array, "stations 3"]:
-        """Return radius, slope and pull at the stations of a section."""
+        """Return radius, slope and axial force at the stations in a section."""
         fixed, linear = self.columns(rule)
         return jnp.asarray(fixed) @ self.ends + jnp.asarray(linear) @ (self.scales * y)
 
     def states(self, y: Unknowns) -> list[RealArray]:
-        """Return radius, slope, pull, p and, for elastic threads, e at the stations of every section."""
+        """Return radius, slope, force, p and, for elastic threads, e at the stations in each section."""
         outer = [self.outer(rule, y[0]) for rule in self.rules]
         return [jnp.concatenate(pair, axis=1) for pair in zip(outer, y[1], strict=True)]
 
     def each(self, function: Callable[..., Any], y: Unknowns) -> list[Any]:
-        """Evaluate a function of (state, part, pressure) at the stations of every section."""
+        """Evaluate a function of (state, part, pressure) at the stations in each section."""
 
         def at(part: Part, states: RealArray) -> Any:
             def one(state: RealArray, bladder: Bladder) -> Any:
@@ -288,7 +289,8 @@ class Balance(eqx.Module):
     def guess(self) -> Unknowns:
         """Return a first guess: equally contracted cylinders with rounded ends.
 
-        The radius solves -(d r')' d + r = r_cylinder, where d limits the slope to what the threads allow.
+        The radius solves -(d r')' d + r = r_cylinder, where d keeps the slope within what the threads
+        allow.
         """
         dtype, scale = self.ends.dtype, self.radius_scale
         rests = [jnp.mean(part.bladder.rest_length) for part in self.parts]
@@ -346,7 +348,7 @@ def residual(y: Unknowns, balance: Balance) -> Unknowns:
 
 
 def newton(y: Unknowns, balance: Balance) -> tuple[Unknowns, Matrix]:
-    """Return Newton's step, and its matrix after p and e are eliminated at every station."""
+    """Return the Newton step, and its matrix after p and e are eliminated at every station."""
     right = jnp.zeros_like(y[0]).at[-1].set(balance.length)
     matrix, back = jnp.zeros((right.size, right.size), right.dtype), []
     for rule, (second, first) in zip(balance.rules, balance.each(_hessian, y), strict=True):
@@ -379,7 +381,7 @@ def newton(y: Unknowns, balance: Balance) -> tuple[Unknowns, Matrix]:
 
 
 def reduced_hessian(matrix: Matrix) -> Float[Array, "free free"]:
-    """Return the second derivatives of the energy in the modes, with a penalty on the length."""
+    """Return the energy's second derivatives with respect to the modes, with a penalty on the length."""
     across = matrix[:-1, -1]
     give = jnp.maximum(-matrix[-1, -1], 0.0) + 1 / _STIFF
     return matrix[:-1, :-1] + jnp.outer(across, across) / give
@@ -390,11 +392,11 @@ class Point(eqx.Module):
 
     Attributes:
         size: size of the last step.
-        part: fraction of Newton's step that was taken.
-        aim: pull after a full step, in the scale of the balance.
+        part: fraction of the Newton step that was taken.
+        aim: axial force after a full step, relative to the balance's force scale.
         matrix: matrix of the step.
         rooms: distances to the bounds before the step; see `_room`.
-        kept: whether bore and stresses existed before the step.
+        kept: True if bore and stresses existed before the step.
         first: the first guess.
     """
 

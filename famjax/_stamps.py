@@ -22,7 +22,7 @@ _DATES = ("%Y-%m-%d", "%d-%m-%Y", "%m-%d-%Y", "%d-%b-%Y", "%d-%m-%y", "%m-%d-%y"
 
 
 def clock_seconds(cells: Sequence[str], one: Column) -> np.ndarray:
-    """Convert time stamps to seconds, past midnight and over days; nan for cells without a stamp."""
+    """Convert time stamps to seconds, across midnight and several days; nan for cells without a stamp."""
     stamps = [STAMP.fullmatch(cell) for cell in cells]
     good = [stamp for stamp in stamps if stamp is not None]
     if not good:
@@ -51,7 +51,7 @@ def clock_seconds(cells: Sequence[str], one: Column) -> np.ndarray:
 
 
 def _minutes_first(stamps: Sequence[re.Match[str]], one: Column) -> bool:
-    """Decide if two-part stamps are minutes and seconds; ambiguous stamps raise an error.
+    """Decide whether two-part stamps are minutes and seconds; ambiguous stamps raise an error.
 
     Fractions, a first part above 23 or a wrap at the hour mean minutes and seconds. A wrap at midnight
     means hours and minutes. The unit of the column takes precedence.
@@ -69,7 +69,7 @@ def _minutes_first(stamps: Sequence[re.Match[str]], one: Column) -> bool:
         return True
     if np.mean(np.diff(whole) == 0) > REPEATED:
         raise InputError(
-            f"the time in {one} does not advance, apparently hours and minutes: export it with seconds"
+            f"the time in {one} does not advance, perhaps because it lacks seconds: export it with seconds"
         )
     back = np.flatnonzero(np.diff(whole) < 0)
     if first.max() > 23 or (back.size and first[back].min() >= 59):
@@ -77,13 +77,13 @@ def _minutes_first(stamps: Sequence[re.Match[str]], one: Column) -> bool:
     if back.size and np.all(first[back] == 23) and np.all(first[back + 1] == 0):
         return False
     raise InputError(
-        f"the time in {one}, {stamps[0][0]!r}, may be minutes and seconds or hours and minutes: say which, "
-        f"{remedy_for('time', f'{one.title} [mm:ss]')} or [hh:mm]"
+        f"the time in {one}, {stamps[0][0]!r}, may be minutes and seconds or hours and minutes: specify "
+        f"the format with {remedy_for('time', f'{one.title} [mm:ss]')} or [hh:mm]"
     )
 
 
 def _days(dates: Sequence[str], one: Column) -> np.ndarray:
-    """Return days since the first date; only one order of day and month may give rising dates."""
+    """Return days since the first date; only one order of day and month may yield increasing dates."""
     distinct = list(dict.fromkeys(dates))
     if len(distinct) == 1:
         return np.zeros(len(dates))
@@ -99,7 +99,8 @@ def _days(dates: Sequence[str], one: Column) -> np.ndarray:
     best = sorted(readings, key=lambda days: days[-1])
     if not best or (len(best) > 1 and best[0][-1] > 2 * len(distinct)):
         raise InputError(
-            f"the dates in {one}, such as {distinct[0]!r}, are ambiguous or fall: write them as 2021-03-04"
+            f"the dates in {one}, such as {distinct[0]!r}, are ambiguous or decrease: write them as "
+            "2021-03-04"
         )
     number = dict(zip(distinct, best[0], strict=True))
     return np.array([number[date] for date in dates], float)

@@ -45,7 +45,7 @@ def thread_length_from_angle(length: Real, braid_angle: Real) -> RealArray:
 
 
 def turns_from_angle(length: Real, diameter: Real, braid_angle: Real) -> RealArray:
-    """Return the turns N [-] of one thread about the axis, N = L / (pi D tan(theta)).
+    """Return the number of turns N [-] of one thread about the axis, N = L / (pi D tan(theta)).
 
     Args:
         length: active length L [m], > 0.
@@ -80,7 +80,7 @@ def diameter_from_length(length: Real, thread_length: Real, turns: Real) -> Real
 
 
 def braid_angle_from_length(length: Real, thread_length: Real) -> RealArray:
-    """Return the braid angle theta [rad], asin(L / B), computed by atan2 to be exact near pi/2.
+    """Return the braid angle theta [rad], asin(L / B), computed with atan2 for accuracy near pi/2.
 
     Args:
         length: active length L [m], 0 < L < B.
@@ -100,7 +100,7 @@ def braid_angle_from_diameter(diameter: Real, known_diameter: Real, known_angle:
     """Return the braid angle theta [rad] at another diameter: cos(theta) / D is constant.
 
     Args:
-        diameter: D [m] of the required angle, >= 0.
+        diameter: D [m] at which the angle is required, >= 0.
         known_diameter: D1 [m], > 0.
         known_angle: theta1 [rad] at D1, from the circumference.
 
@@ -122,16 +122,16 @@ class AbstractBraid(Parametrised):
 
     @abc.abstractmethod
     def thread_length(self, length: Real, pressure: Real) -> RealArray:
-        """Thread length B [m] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
+        """Return the thread length B [m] at length L [m] and gauge pressure P [Pa], broadcast shape."""
 
     def threads_tension(self, strain: Real) -> RealArray | None:  # noqa: ARG002
-        """Total tension [N] of all threads at an engineering strain [-]; None for inextensible threads."""
+        """Return the total thread tension [N] at engineering strain [-]; None for inextensible threads."""
         return None
 
     def reach(
         self, length: Real, pressure: Real
     ) -> tuple[RealArray, RealArray, Bool[Array, "..."]]:
-        """Return length and thread length, masked if they form no triangle, and the mask.
+        """Return length and thread length, with placeholders where they form no triangle, and a mask.
 
         Args:
             length: active length L [m].
@@ -139,7 +139,7 @@ class AbstractBraid(Parametrised):
 
         Returns:
             (L, B, reached), broadcast shape. Unless 0 < L < B, `reached` is False and L and B are
-            placeholders that form a triangle. The caller must replace results there by nan. A nan
+            placeholders that form a triangle. The caller must replace the results there with nan. A nan
             here would spoil the derivatives of other states.
         """
         lengths, pressures = jnp.broadcast_arrays(as_real(length), as_real(pressure))
@@ -160,7 +160,7 @@ class Braid(AbstractBraid):
     Attributes:
         rest_thread_length: B0 [m], length of one thread from fitting to fitting.
         turns: N [-], turns of one thread about the axis, a float.
-        thickness: t_braid [m] of two crossing threads; the bladder lies below them.
+        thickness: t_braid [m] where two threads cross; the bladder lies beneath them.
     """
 
     rest_thread_length: Float[Given, "..."] = parameter("m", low=0.0)
@@ -183,7 +183,7 @@ class Braid(AbstractBraid):
             The braid with B = L0 / sin(theta0) and N = L0 / (pi D0 tan(theta0)).
 
         Raises:
-            ValueError: the angle is out of range, for example in degrees; traced angles are not checked.
+            ValueError: the angle is out of range, for example in degrees. Traced angles are not checked.
 
         >>> braid = Braid.from_rest(diameter=0.02, braid_angle=1.1, length=0.3)
         >>> print(f"{braid.diameter(0.3):.4f} {braid.braid_angle(0.3):.4f}")
@@ -194,7 +194,7 @@ class Braid(AbstractBraid):
             wrong = angle[(angle <= 0) | (angle > _RIGHT_ANGLE)]
             if wrong.size:
                 raise ValueError(
-                    f"braid_angle must lie in (0, pi/2] rad, got {wrong[0]:.6g}; convert degrees by "
+                    f"braid_angle must lie in (0, pi/2] rad, got {wrong[0]:.6g}; convert degrees with "
                     "jnp.deg2rad(61.7)"
                 )
         return cls(
@@ -204,16 +204,16 @@ class Braid(AbstractBraid):
         )
 
     def thread_length(self, length: Real, pressure: Real) -> RealArray:
-        """Thread length B0 [m], independent of the load, broadcast shape."""
+        """Return the thread length B0 [m], which does not depend on the load, broadcast shape."""
         shape = jnp.broadcast_shapes(jnp.shape(length), jnp.shape(pressure))
         return jnp.broadcast_to(self.rest_thread_length, shape)
 
     def diameter(self, length: Real) -> RealArray:
-        """Braid diameter D [m] at active length L [m]; see `diameter_from_length`."""
+        """Return the braid diameter D [m] at active length L [m]; see `diameter_from_length`."""
         return diameter_from_length(length, self.rest_thread_length, self.turns)
 
     def braid_angle(self, length: Real) -> RealArray:
-        """Braid angle theta [rad] at active length L [m]; see `braid_angle_from_length`."""
+        """Return the braid angle theta [rad] at active length L [m]; see `braid_angle_from_length`."""
         return braid_angle_from_length(length, self.rest_thread_length)
 
     @property
@@ -238,7 +238,7 @@ def force_magnification(braid_angle: Real) -> RealArray:
 
 
 def gaylord_force(pressure: Real, radius: Real, braid_angle: Real) -> RealArray:
-    """Return the pull F_G [N] of a cylindrical braid, F_G = P pi R^2 (2 tan(theta)^2 - 1).
+    """Return the axial force F_G [N] of a cylindrical braid, F_G = P pi R^2 (2 tan(theta)^2 - 1).
 
     Bladder stiffness, thread stretch and rounded ends are neglected.
 
@@ -264,11 +264,11 @@ def thread_tension(
 ) -> RealArray:
     """Return the tension T [N] of one thread, T = (F + P pi R^2) / (n sin(theta)).
 
-    The threads that cross a section carry the pull and the pressure on the end. The tension of the
-    bladder is neglected.
+    The threads that cross a section carry the muscle's force and the pressure on the end. The tension
+    in the bladder is neglected.
 
     Args:
-        force: pull F [N] of the muscle.
+        force: F [N] of the muscle, positive when the muscle pulls.
         pressure: gauge pressure P [Pa].
         radius: braid radius R [m].
         braid_angle: theta [rad], from the circumference, in (0, pi/2].
@@ -288,10 +288,11 @@ def thread_tension(
 
 
 class AbstractThread(Parametrised):
-    """An elastic thread whose stiffness approaches its far modulus from below.
+    """An elastic thread whose stiffness rises with tension towards a limit.
 
-    The strain must be 0 at T = 0 and increase with the tension, at a rate that never grows and tends to
-    1 / k, with the far stiffness k = A_b E_b. The root solve of `ElasticBraid` then converges.
+    The strain must be 0 at T = 0 and increase with the tension, at a rate that never increases and tends
+    to 1 / k, where k = A_b E_b is the limiting stiffness. The root search in `ElasticBraid` then
+    converges.
     """
 
     modulus: eqx.AbstractVar[RealArray]
@@ -299,21 +300,21 @@ class AbstractThread(Parametrised):
 
     @property
     def far_stiffness(self) -> RealArray:
-        """Tension per strain k = A_b E_b [N] far beyond the toe region."""
+        """Tension per unit strain k = A_b E_b [N], far beyond the toe region."""
         return self.area * self.modulus
 
     @property
     @abc.abstractmethod
     def offset_strain(self) -> RealArray:
-        """Strain [-] at which the far line starts; the strain exceeds T / k by no more."""
+        """Strain [-] of the asymptote at T = 0; the strain exceeds T / k by at most this amount."""
 
     @abc.abstractmethod
     def strain(self, tension: Real) -> RealArray:
-        """Engineering strain [-] of the thread at tension T [N], broadcast shape."""
+        """Return the thread's engineering strain [-] at tension T [N], broadcast shape."""
 
     @abc.abstractmethod
     def tension(self, strain: Real) -> RealArray:
-        """Tension T [N] of the thread at an engineering strain [-]: the inverse of `strain`."""
+        """Return the thread's tension T [N] at an engineering strain [-]: the inverse of `strain`."""
 
 
 class LinearThread(AbstractThread):
@@ -321,7 +322,7 @@ class LinearThread(AbstractThread):
 
     Attributes:
         modulus: E_b [Pa], > 0.
-        area: A_b [m2], cross-section of the fibres of one thread.
+        area: A_b [m2], cross-section of the fibres in one thread.
 
     References:
         Chambers 2021, section 5.1.
@@ -340,27 +341,27 @@ class LinearThread(AbstractThread):
         return jnp.zeros_like(self.far_stiffness)
 
     def strain(self, tension: Real) -> RealArray:
-        """Engineering strain [-] at tension T [N], T / (A_b E_b)."""
+        """Return the engineering strain [-] at tension T [N], T / (A_b E_b)."""
         return jnp.asarray(tension / self.far_stiffness)
 
     def tension(self, strain: Real) -> RealArray:
-        """Tension T [N] at an engineering strain [-], A_b E_b eps."""
+        """Return the tension T [N] at an engineering strain [-], A_b E_b eps."""
         return jnp.asarray(strain * self.far_stiffness)
 
 
 class ToeThread(AbstractThread):
-    """A thread whose fibres straighten before they stretch: a toe region, then a line.
+    """A thread whose fibres straighten before they stretch: a toe region, then a straight line.
 
     eps = T / (A_b E_b) + e_t T / (T + T_t)
 
-    At rest its modulus is E_b / (1 + A_b E_b e_t / T_t). Far out it approaches the line of modulus E_b
-    that starts at the strain e_t. A slack thread pushes with less than T_t.
+    At rest, its modulus is E_b / (1 + A_b E_b e_t / T_t). At high tension, the curve approaches the line
+    with modulus E_b that starts at the strain e_t. A slack thread pushes with less than T_t.
 
     Attributes:
         modulus: E_b [Pa], > 0, beyond the toe region.
-        area: A_b [m2], cross-section of the fibres of one thread.
+        area: A_b [m2], cross-section of the fibres in one thread.
         toe_strain: e_t [-], >= 0, strain added by straightening.
-        toe_tension: T_t [N], > 0, tension at which half of it is reached.
+        toe_tension: T_t [N], > 0, tension at which half the toe strain is reached.
 
     >>> thread = ToeThread(16.9e6, 1.332e-4, 0.002, 2.0)  # psi, in2, lbf
     >>> print(f"{thread.strain(8.5):.4f} {thread.tension(thread.strain(8.5)):.3f}")
@@ -378,14 +379,14 @@ class ToeThread(AbstractThread):
         return self.toe_strain
 
     def strain(self, tension: Real) -> RealArray:
-        """Engineering strain [-] at tension T [N], T > -T_t; nan below."""
+        """Return the engineering strain [-] at tension T [N], T > -T_t; nan below."""
         inside = jnp.asarray(tension > -self.toe_tension)
         T = jnp.where(inside, tension, 0.0)
         value = T / self.far_stiffness + self.toe_strain * T / (T + self.toe_tension)
         return jnp.where(inside, value, jnp.nan)
 
     def tension(self, strain: Real) -> RealArray:
-        """Tension T [N] at an engineering strain [-]: the larger root of a quadratic equation."""
+        """Return the tension T [N] at an engineering strain [-]: the larger root of a quadratic."""
         k = self.far_stiffness
         # T^2 + p T - q = 0: each of the two forms of the root is free of cancellation on one side.
         p = self.toe_tension + k * (self.toe_strain - strain)
@@ -404,17 +405,17 @@ _MAX_STEPS = 64
 def strain_under_line(thread: AbstractThread, load: RealArray) -> tuple[RealArray, Bool[Array, ""]]:
     """Solve strain(T) = eps with the load T = m (1 + eps), by Newton's method.
 
-    A solution exists if m < k = A_b E_b; beyond, the load outgrows every tension. The residual
-    r(eps) = eps - strain(T(eps)) is convex, and its slope rises to 1 - m / k > 0. At the start,
-    (m / k + e_t) / (1 - m / k) with the offset strain e_t, it is not negative, so the iterates fall to the
-    root monotonically. For a linear thread the start is the root.
+    A solution exists if m < k = A_b E_b; otherwise, the load grows faster than the tension. The residual
+    r(eps) = eps - strain(T(eps)) is convex, and its slope rises to 1 - m / k > 0. At the starting point,
+    (m / k + e_t) / (1 - m / k) with the offset strain e_t, the residual is not negative, so the iterates
+    fall monotonically to the root. For a linear thread, the starting point is the root.
 
     Args:
-        thread: the law.
+        thread: thread law.
         load: m [N], shape ().
 
     Returns:
-        (strain [-], found): nan and False if there is none. Derivatives follow from the implicit
+        (strain [-], found): nan and False if there is no solution. Derivatives follow from the implicit
         function theorem.
     """
     k = thread.far_stiffness
@@ -460,12 +461,12 @@ class ElasticBraid(AbstractBraid):
     B = B0 (1 + strain(T)),  T = (F_G + P pi R^2) / (n sin(theta)) = P L B / (2 pi N^2 n)
 
     The tension under Gaylord's force F_G is proportional to B; the bladder is neglected. There is no
-    equilibrium, and B is nan, if the tension grows faster than the force of the threads, or if L >= B.
+    equilibrium, and B is nan, if this tension grows faster than the threads' resistance, or if L >= B.
 
     Attributes:
         rest_thread_length: B0 [m], one unloaded thread from fitting to fitting.
         turns: N [-], turns of one thread about the axis, a float.
-        thickness: t_braid [m] of two crossing threads; the bladder lies below them.
+        thickness: t_braid [m] where two threads cross; the bladder lies beneath them.
         n_threads: n [-], number of threads in both families.
         thread: law of one thread.
 
@@ -486,12 +487,12 @@ class ElasticBraid(AbstractBraid):
     thread: AbstractThread
 
     def threads_tension(self, strain: Real) -> RealArray:
-        """Total tension [N] of all threads at an engineering strain [-]."""
+        """Return the total thread tension [N] at engineering strain [-]."""
         return self.n_threads * self.thread.tension(strain)
 
     @compiled_method
     def thread_length(self, length: Real, pressure: Real) -> RealArray:
-        """Thread length B [m], broadcast shape; nan without an equilibrium. Differentiable."""
+        """Return the thread length B [m], broadcast shape; nan without equilibrium. Differentiable."""
         length, pressure = jnp.broadcast_arrays(as_real(length), as_real(pressure))
         known = jnp.isfinite(pressure)  # nan would spoil the derivatives of other states
         around = 2 * jnp.pi * self.turns**2 * self.n_threads
@@ -506,18 +507,18 @@ _HIGHEST_COMPLIANCE = 3e-5  # 1/N
 
 
 class CompliantBraid(AbstractBraid):
-    """A braid whose threads stretch in proportion to their tension, with one compliance.
+    """A braid whose threads stretch in proportion to their tension, described by one compliance.
 
     B = B0 / (1 - C B0 P L / (2 pi N^2)),  C = 1 / (n A_b E_b)
 
-    The closed form of `ElasticBraid` with linear threads, for identification. It requires neither number
-    nor cross-section of the threads. With C = 0 it is inextensible.
+    This is the closed form of `ElasticBraid` with linear threads, for identification. It needs neither
+    the number nor the cross-section of the threads. With C = 0 the braid is inextensible.
 
     Attributes:
         rest_thread_length: B0 [m].
         turns: N [-].
         thickness: t_braid [m].
-        compliance: C [1/N], >= 0, strain of the threads per total tension of all threads.
+        compliance: C [1/N], >= 0, thread strain per unit of total tension in all threads.
 
     References:
         Davis et al. 2003 (stretching braid); Chambers 2021, section 5.1.
@@ -540,11 +541,11 @@ class CompliantBraid(AbstractBraid):
         return cls(braid.rest_thread_length, braid.turns, braid.thickness, compliance)
 
     def threads_tension(self, strain: Real) -> RealArray:
-        """Total tension [N] of all threads at an engineering strain [-]; the compliance must not be 0."""
+        """Return the total thread tension [N] at engineering strain [-]; the compliance must not be 0."""
         return jnp.asarray(strain / self.compliance)
 
     def thread_length(self, length: Real, pressure: Real) -> RealArray:
-        """Thread length B [m], broadcast shape; nan if the threads stretch without limit."""
+        """Return the thread length B [m], broadcast shape; nan if the threads stretch without limit."""
         length, pressure = jnp.broadcast_arrays(as_real(length), as_real(pressure))
         known = jnp.isfinite(pressure)  # nan would spoil the derivatives of other states
         at = jnp.where(known, pressure, 0.0) * length

@@ -1,7 +1,7 @@
-"""Compiled programs kept on disk for the next command: JAX's persistent cache.
+"""Keep compiled programs on disk for the next command, in JAX's persistent cache.
 
-The command line switches it on, nothing else does. `FAMJAX_CACHE_DIR` names another folder, or is
-`off`; a folder that the user has given to JAX itself stays as it is, with its settings.
+Only the command line switches the cache on. `FAMJAX_CACHE_DIR` sets another folder, or `off`. If the
+user has already set a cache folder in JAX, that folder and its settings are kept.
 """
 
 import contextlib
@@ -19,7 +19,7 @@ from .boundary.errors import InputError
 
 VARIABLE = "FAMJAX_CACHE_DIR"
 LARGEST = 256 * 2**20
-"""Bytes of all folders together; the entries that were written first go first."""
+"""Limit [bytes] for all folders together; the oldest entries are removed first."""
 _FEATURES = ("model name", "flags", "Features", "CPU implementer", "CPU part")
 _SETTINGS = {
     # Without these JAX keeps only what took a second to compile.
@@ -32,7 +32,7 @@ def start_jax() -> str:
     """Import JAX for a command: in float64, with compiled programs kept on disk.
 
     Returns:
-        As `switch_on`.
+        The result of `switch_on`.
 
     Raises:
         InputError: JAX finds no device.
@@ -52,10 +52,10 @@ def start_jax() -> str:
 
 
 def switch_on() -> str:
-    """Let JAX keep compiled programs if possible.
+    """Switch on JAX's cache of compiled programs if possible.
 
     Returns:
-        The folder, or "" and no cache: it is off, or no private folder can be written.
+        The cache folder; "" if the cache is off or no private folder can be written.
     """
     import jax
 
@@ -76,10 +76,10 @@ def switch_on() -> str:
 
 
 def cache_root() -> Path | None:
-    """The folder of compiled programs: `FAMJAX_CACHE_DIR`, or the user's cache.
+    """Return the folder for compiled programs: `FAMJAX_CACHE_DIR`, or one in the user's cache.
 
     Returns:
-        An absolute path, which need not exist; None if it is switched off or there is no home.
+        An absolute path, which need not exist; None if the cache is off or there is no home folder.
     """
     given = os.environ.get(VARIABLE)
     if given is not None:
@@ -93,9 +93,10 @@ def cache_root() -> Path | None:
 
 
 def machine() -> str:
-    """Host, processor and jaxlib: a program made for another processor can crash this one.
+    """Return a folder name for this host, processor and jaxlib.
 
-    JAX's key of a program lacks the processor's features, and machines may share a home.
+    A program compiled for another processor may crash. JAX's own key for a program omits the processor's
+    features, and several machines may share a home folder.
     """
     processor = platform.machine() + platform.processor()
     with contextlib.suppress(OSError), open("/proc/cpuinfo", encoding="utf-8") as file:
@@ -108,7 +109,7 @@ def machine() -> str:
 def _private_folder(folder: Path) -> bool:
     """Create the folder if missing, and check that only this user can read and write it.
 
-    Loading a compiled program runs it, so nobody else may write here.
+    Loading a compiled program runs it, so no other user may write here.
     """
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -123,9 +124,9 @@ def _private_folder(folder: Path) -> bool:
 
 
 def _bound(root: Path) -> None:
-    """Remove the programs that were written first until the rest is small enough.
+    """Remove the oldest programs until the rest are within the limit.
 
-    JAX's own bound, `jax_compilation_cache_max_size`, needs another package, filelock.
+    JAX's own limit, `jax_compilation_cache_max_size`, requires another package, filelock.
     """
     with contextlib.suppress(OSError):  # another process may be removing files as well
         files = [(path.stat(), path) for path in root.glob("*-jaxlib-*/*-cache")]

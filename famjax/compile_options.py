@@ -1,8 +1,8 @@
-"""Compiler options by purpose: programs that run once and briefly are not optimised.
+"""Compiler options: programs that run once, and briefly, are not optimised.
 
-A search runs for a tenth of a second and would compile for many: the compiler's passes cost more
-than they save. What runs for long, such as a bootstrap, keeps full optimisation, which is JAX's
-default and needs nothing of this.
+A search runs for a tenth of a second but would take many times longer to compile, so optimisation
+costs more than it saves. Programs that run for a long time, such as a bootstrap, keep full
+optimisation, which is JAX's default and does not need this module.
 """
 
 import functools
@@ -20,7 +20,7 @@ _P = ParamSpec("_P")
 _T = TypeVar("_T")
 
 Options = dict[str, bool | int]
-"""Names and values, as `jax.jit(..., compiler_options=...)` takes them."""
+"""Names and values accepted by `jax.jit(..., compiler_options=...)`."""
 
 _QUICK: Options = {
     "xla_backend_optimization_level": 0,
@@ -33,19 +33,22 @@ _QUICK: Options = {
 
 @functools.cache
 def quick_options() -> Options:
-    """Compiler options for the fastest compilation.
+    """Return the compiler options for the fastest compilation.
 
-    Those that the installed XLA does not know are left out: each is tried once in a process, on a
-    program that returns its argument (0.03 s for all).
+    Options that the installed XLA does not support are omitted. Each option is tried once per process,
+    on a program that returns its argument (0.03 s for all options).
 
     Returns:
-        Names and values. Results agree with those of full optimisation to rounding.
+        Names and values. Results agree with full optimisation to within rounding.
     """
     return {name: value for name, value in _QUICK.items() if _known({name: value})}
 
 
 def bulk_options() -> Options:
-    """Options for programs that run hundreds of times: compile 1.5 times as long, run in a fifth."""
+    """Return options for programs that run hundreds of times.
+
+    Compared with `quick_options`, compilation takes 1.5 times as long and running a fifth of the time.
+    """
     return {
         name: value
         for name, value in quick_options().items()
@@ -54,7 +57,7 @@ def bulk_options() -> Options:
 
 
 def _known(options: Options) -> bool:
-    """Whether the installed XLA compiles with these options."""
+    """Return True if the installed XLA accepts these options."""
     try:
         jax.jit(lambda x: x, compiler_options=options).lower(0.0).compile()
     except jax.errors.JaxRuntimeError as error:
@@ -65,10 +68,10 @@ def _known(options: Options) -> bool:
 
 
 def quick_jit(function: Callable[_P, _T]) -> Callable[_P, _T]:
-    """`equinox.filter_jit` that compiles fast; the results agree to rounding.
+    """Apply `equinox.filter_jit` with fast compilation; results agree to within rounding.
 
-    Within a trace of the caller's, such as their `jax.jit`, it is a part of the whole, which is
-    compiled as they ask.
+    Inside a caller's trace, such as their `jax.jit`, the function becomes part of the caller's program,
+    which is compiled with the caller's options.
     """
     plain: Any = eqx.filter_jit
     traced = plain(function, inline=True)
@@ -88,7 +91,7 @@ def quick_jit(function: Callable[_P, _T]) -> Callable[_P, _T]:
 
 
 def as_arrays(tree: _T) -> _T:
-    """The same tree with its numbers as arrays, so that new values do not recompile under `quick_jit`."""
+    """Return the tree with its numbers as arrays, so that new values do not recompile under `quick_jit`."""
     return jax.tree.map(
         lambda leaf: np.asarray(leaf, float) if isinstance(leaf, float) else leaf, tree
     )

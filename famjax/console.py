@@ -21,7 +21,7 @@ from famjax.boundary.units import from_si
 # --- options
 
 Units = Literal["si", "metric", "us"]
-"""Unit system of printed tables and pictures."""
+"""Unit system for printed tables and plots."""
 
 
 def whole(type_: Any, tokens: Sequence[Token]) -> Any:
@@ -46,7 +46,7 @@ def whole_number(least: int, most: int | None = None) -> Parameter:
 
 
 Seed = Annotated[int, whole_number(0)]
-"""Seed of random numbers."""
+"""Seed for random numbers."""
 
 Jobs = Annotated[int | None, whole_number(1)]
 """Number of processes."""
@@ -61,7 +61,7 @@ def parse_entries(given: Iterable[str], option: str, example: str) -> dict[str, 
         example: an example entry, for messages.
 
     Raises:
-        InputError: an entry has another form, or a name occurs twice.
+        InputError: an entry does not have this form, or a name occurs twice.
 
     >>> parse_entries(["force=Load 2"], "log-columns", "force=3")
     {'force': 'Load 2'}
@@ -71,7 +71,7 @@ def parse_entries(given: Iterable[str], option: str, example: str) -> dict[str, 
         name, equals, value = (part.strip() for part in entry.partition("="))
         if not (name and equals and value) or name in found:
             raise InputError(
-                f"{option} {entry!r} must have the form name=value, each name once, such as {example}"
+                f"{option} {entry!r} must have the form name=value, such as {example}; use each name once"
             )
         found[name] = value
     return found
@@ -88,7 +88,7 @@ def parse_columns(given: Iterable[str]) -> dict[str, str]:
     """Parse entries such as `force="Kraft [N]"` into columns by quantity.
 
     Raises:
-        InputError: an entry has another form, or a quantity occurs twice.
+        InputError: an entry does not have this form, or a quantity occurs twice.
     """
     return parse_entries(given, "--column", 'force="Kraft [N]"')
 
@@ -100,7 +100,7 @@ def tell_columns(taken: str) -> None:
 
 
 def add_cwd_to_path() -> None:
-    """Allow imports of modules in the current folder."""
+    """Allow modules in the current folder to be imported."""
     here = str(Path.cwd())
     if here not in sys.path:
         sys.path.insert(0, here)
@@ -111,12 +111,12 @@ def add_cwd_to_path() -> None:
 _PATIENCE = 2.0  # s; shorter work needs no bar
 
 Show = Callable[..., None]
-"""Called with the finished amount, the total and, if it changes, the current task."""
+"""Called with the amount done, the total and, if it changes, the current task."""
 
 
 @contextlib.contextmanager
 def progress(what: str) -> Iterator[Show]:
-    """Show a progress bar with the time left on standard error, if the work takes over 2 s.
+    """Show a progress bar and the time left on standard error, if the work takes over 2 s.
 
     Nothing is shown if standard error is not a terminal.
 
@@ -179,7 +179,7 @@ class Output:
 
 
 def print_json(document: object) -> None:
-    """Print one JSON value; nan and infinity are errors of the program."""
+    """Print one JSON value; nan and infinity raise an error, because they indicate a bug."""
     print(json.dumps(document, allow_nan=False))
 
 
@@ -201,7 +201,7 @@ _WIDEST = 250  # characters per table row
 
 
 def print_rows(title: str, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Print rows with the same keys as a table, without values that are lists."""
+    """Print rows that share the same keys as a table; values that are lists are omitted."""
     keys = [key for key, value in rows[0].items() if not isinstance(value, list)] if rows else []
     header = [key.replace("_", " ") for key in keys]
     print_table(title, header, [[_cell(row[key]) for key in keys] for row in rows], numbers="left")

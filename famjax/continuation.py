@@ -19,7 +19,7 @@ _STRAIGHT = 0.8  # linear fraction of the saturation
 
 
 def bent(step: Real, ends: Float[Array, "2"]) -> RealArray:
-    """Saturate a step smoothly: linear up to four fifths of a limit that it never exceeds.
+    """Saturate a step smoothly: linear up to four fifths of a limit, which is never exceeded.
 
     y = x for |x| <= 4/5 X, and beyond it y = X (4/5 + t/(5 (1 + t))), t = 5 |x|/X - 4, with the sign
     of x. The function is C1 with positive slope everywhere.
@@ -57,7 +57,7 @@ def taut(force: RealArray, width: RealArray) -> RealArray:
 
 
 def stopped(step: RealArray, stiffness: RealArray, onset: RealArray) -> RealArray:
-    """Force [N] of an end stop at a penetration x [m]; zero for x <= 0, C1, with bounded stiffness.
+    """Return the force [N] of an end stop at a penetration x [m]; zero for x <= 0, C1, stiffness bounded.
 
     F = k x^2/(2 s) for x < s, and k (x - s/2) beyond.
 
@@ -71,9 +71,9 @@ def stopped(step: RealArray, stiffness: RealArray, onset: RealArray) -> RealArra
 
 
 def untaut(force: RealArray, width: RealArray) -> RealArray:
-    """Inverse of `taut`: the force G [N] for F [N] >= 0; zero for F = 0, nan for F < 0.
+    """Return the force G [N] for F [N] >= 0, the inverse of `taut`; zero for F = 0, nan for F < 0.
 
-    The middle root of 2 t^2 - t^3 = F/w, t = (2 + 4 cos(arccos(1 - 27 F/(16 w))/3 - 2 pi/3))/3.
+    Uses the middle root of 2 t^2 - t^3 = F/w, t = (2 + 4 cos(arccos(1 - 27 F/(16 w))/3 - 2 pi/3))/3.
     """
     part = force / width
     blended = (part > 0) & (part < 1)
@@ -99,10 +99,10 @@ class Region(eqx.Module):
 
     @classmethod
     def of(cls, length: Sequence[float] | np.ndarray, pressure: Sequence[float] | np.ndarray):
-        """The smallest region that contains these lengths [m] and pressures [Pa].
+        """Return the smallest region that contains these lengths [m] and pressures [Pa].
 
         Raises:
-            InputError: values are negative or not finite, or all the same.
+            InputError: values are negative or not finite, or are all equal.
         """
         L, P = np.asarray(length, float), np.asarray(pressure, float)
         for name, values, unit in (("lengths", L, "m"), ("pressures", P, "Pa")):
@@ -114,7 +114,7 @@ class Region(eqx.Module):
 
 
 class Slopes(NamedTuple):
-    """A force with its derivatives, all with the same shape.
+    """A force and its derivatives, all with the same shape.
 
     Attributes:
         force: F [N].
@@ -141,7 +141,7 @@ def slopes(force: Callable, length: RealArray, pressure: RealArray) -> Slopes:
 
 
 def grid_slopes(muscle: AbstractMuscle, region: Region) -> Slopes:
-    """Return force and derivatives on the grid over a region, each with shape (LENGTHS, PRESSURES)."""
+    """Return force and derivatives on a grid over a region, each with shape (LENGTHS, PRESSURES)."""
     L = jnp.linspace(region.length[0], region.length[1], LENGTHS)
     P = jnp.linspace(region.pressure[0], region.pressure[1], PRESSURES)
     return slopes(muscle.force, *jnp.meshgrid(L, P, indexing="ij"))
@@ -181,9 +181,9 @@ def rising_region(muscle: AbstractMuscle, data: Region) -> tuple[Region, Slopes]
     P = np.linspace(float(data.pressure[0]), float(data.pressure[1]), PRESSURES)
     if min(i1 - i0, j1 - j0) < 2:
         raise InputError(
-            "the model cannot be continued safely, because its pull does not rise with length and "
-            f"pressure: it rises at {good.sum()} of {good.size} states between {L[0]:.4g} and "
-            f"{L[-1]:.4g} m, {P[0]:.4g} and {P[-1]:.4g} Pa. Check its stiffness and the units"
+            "the model cannot be continued safely, because its force does not rise with length and "
+            f"pressure: it does so at {good.sum()} of {good.size} states from {L[0]:.4g} to "
+            f"{L[-1]:.4g} m and {P[0]:.4g} to {P[-1]:.4g} Pa. Check the model's stiffness and the units"
         )
     part = Slopes(*(one[i0 : i1 + 1, j0 : j1 + 1] for one in at))
     return Region([L[i0], L[i1]], [P[j0], P[j1]]), part
@@ -201,12 +201,12 @@ def largest_share(good: Bool[np.ndarray, "lengths pressures"]) -> float:
 
 
 def _inner(low: int, high: int, last: int) -> tuple[int, int]:
-    """Shrink the rectangle by one line unless it ends with the data: the force may fall between lines."""
+    """Shrink the rectangle by one grid line at ends inside the data: the force may fall between lines."""
     return low + (low > 0), high - (high < last)
 
 
 def largest_block(good: np.ndarray) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Return first and last lines of the largest rectangle of good states in a grid."""
+    """Return the first and last grid lines of the largest rectangle of good states."""
     bad = np.pad(np.cumsum(np.cumsum(~good, 0), 1), ((1, 0), (1, 0)))
     best, found = -1, ((0, 0), (0, 0))
     for low in range(good.shape[0]):
@@ -228,12 +228,12 @@ def continued_volume(
 ) -> RealArray:
     """Return the volume V [m3] at any length [m] and pressure [Pa], broadcast shape; positive and C1.
 
-    Inside the region V is the model's volume. Beyond an edge a growing volume is extrapolated linearly,
+    Inside the region, V is the model's volume. Beyond an edge, a growing volume is extrapolated linearly,
     and a shrinking one as V/(1 + s), which never reaches zero.
 
     Args:
         muscle: the model.
-        region: region in which its geometry is used unchanged.
+        region: region in which the model's geometry is used unchanged.
         length: active length L [m].
         pressure: gauge pressure P [Pa].
     """
@@ -259,7 +259,7 @@ def _continued(
 
 
 def _grown(volume: RealArray, change: RealArray) -> RealArray:
-    """V + dV for dV >= 0, else V/(1 - dV/V)."""
+    """Return V + dV for dV >= 0, else V/(1 - dV/V)."""
     shrunk = volume / (1 - jnp.minimum(change, 0.0) / volume)
     return jnp.where(change < 0, shrunk, volume + change)
 
@@ -272,19 +272,19 @@ _SPARE = 1.05  # safety factor for values between grid lines
 
 
 class ContinuedMuscle(AbstractMuscle):
-    """A model inside a region, extrapolated linearly outside; not clipped at zero force.
+    """A model used unchanged inside a region and extrapolated linearly outside; not clipped at zero.
 
         H(L, P) = F(L_c, P) + F_L(L_c, P) y(L - L_c)                  L_c: L clipped to the region
         G(L, P) = H(L, P_c) + H_P(L, P_c) y(P - P_c) + S(L)           P_c: P clipped to the region
 
-    Inside the region G equals the model to the last bit. G is C1 across every edge, as F is C2. The
+    Inside the region, G equals the model to the last bit. G is C1 across every edge, because F is C2. The
     step y (`bent`) is linear unless the extrapolation would make the stiffness or the area F_P
     negative; then y saturates at the step that keeps both >= 0. S adds two stops outside the region:
-    one beyond the length of straight threads, and one, which pushes, below the length at which the
-    braid locks. Each stop carries the region's largest force at a travel of 1 % of the rest length.
+    one beyond the straight-thread length, and one below the length at which the braid locks, which
+    pushes. Each stop carries the region's largest force at a travel of 1 % of the rest length.
 
-    If the model is `rising` on the region's edges, dG/dL >= 0 at every pressure and dG/dP >= 0 at every
-    length outside; F_L is clipped at zero there.
+    If the model is `rising` on the region's edges, then outside the region dG/dL >= 0 at every pressure
+    and dG/dP >= 0 at every length; F_L is clipped at zero there.
 
     Attributes:
         muscle: the model.
@@ -304,7 +304,10 @@ class ContinuedMuscle(AbstractMuscle):
 
     @compiled_method
     def force(self, length: Real, pressure: Real) -> RealArray:
-        """Continued pull G [N] at any length [m] and pressure [Pa], broadcast shape; can be negative."""
+        """Return the continued force G [N] at any length [m] and pressure [Pa], broadcast shape.
+
+        G can be negative.
+        """
         length, pressure = jnp.broadcast_arrays(as_real(length), as_real(pressure))
         L = jnp.clip(length, self.region.length[0], self.region.length[1])
         P = jnp.clip(pressure, self.region.pressure[0], self.region.pressure[1])
@@ -324,7 +327,7 @@ class ContinuedMuscle(AbstractMuscle):
         )
 
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """Stops [m], extended by their travel under four times the largest force."""
+        """Return the stops [m], extended by their travel at four times the largest force."""
         travel = 4 * _STOP * self.muscle.rest_length
         return self.stops[0] - travel, self.stops[1] + travel
 
@@ -340,7 +343,7 @@ class ContinuedMuscle(AbstractMuscle):
 
 
 def _ends(at: Slopes) -> tuple[np.ndarray, np.ndarray]:
-    """Return the largest 1/X required to keep area and stiffness >= 0 beyond lengths and pressures."""
+    """Return the largest 1/X that keeps area and stiffness >= 0 beyond the lengths and pressures."""
 
     def end(falling: np.ndarray, held: np.ndarray) -> float:
         falls, holds = falling > 0, held > 0
@@ -364,11 +367,11 @@ class SafeMuscle(AbstractMuscle):
     outside (`ContinuedMuscle`). `taut` returns 0 for G <= 0 and G above a small force w. At any length
     and pressure F is finite, >= 0 and C1, and does not fall with the length. At constant pressure the
     muscle is therefore a spring, and no simulator can gain energy from it. Below the length at which
-    the braid locks it does not pull; beyond the length of straight threads a stiff stop holds it.
+    the braid locks, the muscle does not pull; beyond the straight-thread length, a stiff stop holds it.
 
-    With hysteresis the pull also depends on the history, which the caller keeps as a state. `start`
+    With hysteresis, the force also depends on the history, which the caller stores as a state. `start`
     creates the state, `pull` returns the force at the end of a step, and `moved` completes the step.
-    Both branches of a loop rise with the length and the lengthening branch is higher; clipping at zero
+    Both branches of a loop rise with length, and the lengthening branch is higher; clipping at zero
     preserves this, so every closed loop dissipates energy. The other methods use the static map.
 
     Attributes:
@@ -429,7 +432,7 @@ class SafeMuscle(AbstractMuscle):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences naming the parts of the data's region where the model is replaced; for one muscle."""
+        """Sentences that state where in the data's region the model is replaced; for a single muscle."""
         found = []
         for name, unit, scale in (("length", "mm", 1e3), ("pressure", "kPa", 1e-3)):
             had, kept = (
@@ -443,15 +446,15 @@ class SafeMuscle(AbstractMuscle):
         return tuple(found)
 
     def force(self, length: Real, pressure: Real) -> RealArray:
-        """Static pull F [N] at any length [m] and gauge pressure [Pa], broadcast shape; >= 0."""
+        """Return the static force F [N] >= 0 at any length [m] and gauge pressure [Pa], broadcast shape."""
         return taut(self.continued.force(length, pressure), self.slack_width)
 
     def model_force(self, length: Real, pressure: Real) -> RealArray:
-        """Continued force G [N], not clipped at zero, broadcast shape; negative if slack."""
+        """Return the continued force G [N], not clipped at zero, broadcast shape; negative if slack."""
         return self.continued.force(length, pressure)
 
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """Shortest and longest active length [m] for the equilibrium search."""
+        """Return the shortest and longest active length [m] for the equilibrium search."""
         return self.continued.length_range()
 
     @property
@@ -460,21 +463,21 @@ class SafeMuscle(AbstractMuscle):
         return self.continued.rest_length
 
     def length_at_load(self, load: Real, pressure: Real, *, throw: bool = True) -> RealArray:
-        """Longest active length L [m] at which the muscle carries a load >= 0 [N].
+        """Return the longest active length L [m] at which the muscle carries a load >= 0 [N].
 
-        Solved on the continued force, which has such a length even if the muscle is slack over a range
-        of lengths; see `AbstractMuscle.length_at_load`.
+        The continued force is solved, because it has such a length even if the muscle is slack over a
+        range of lengths; see `AbstractMuscle.length_at_load`.
         """
         return self.continued.length_at_load(
             untaut(as_real(load), self.slack_width), pressure, throw=throw
         )
 
     def onset_pressure(self, length: Real, highest: Real, *, throw: bool = True) -> RealArray:
-        """Gauge pressure [Pa] at which the force rises from zero; see `AbstractMuscle`."""
+        """Return the gauge pressure [Pa] at which the force rises from zero; see `AbstractMuscle`."""
         return self.continued.onset_pressure(length, highest, throw=throw)
 
     def volume(self, length: Real, pressure: Real) -> RealArray:
-        """Fluid volume V [m3], broadcast shape; see `famjax.continuation.continued_volume`.
+        """Return the fluid volume V [m3], broadcast shape; see `famjax.continuation.continued_volume`.
 
         Raises:
             InputError: the model has no geometry.
@@ -482,23 +485,23 @@ class SafeMuscle(AbstractMuscle):
         return continued_volume(self.continued.muscle, self.region, length, pressure)
 
     def start(self, length: Real, pressure: Real) -> SlipState:
-        """State of the hysteresis at the start of a history, at a length [m] and a pressure [Pa].
+        """Return the hysteresis state at the start of a history, at a length [m] and a pressure [Pa].
 
         The state is reached from the start of the identified cycles: from the vented muscle at this
-        length, or from the longest length of the strokes. Empty without hysteresis.
+        length, or from the longest length of the strokes. Without hysteresis, the state is empty.
         """
         if self.hysteresis is None:
             return SlipState(jnp.zeros(2), jnp.zeros(0), jnp.zeros(0))
         return self.hysteresis.start(as_real(length), as_real(pressure))
 
     def moved(self, state: SlipState, length: Real, pressure: Real) -> SlipState:
-        """State after a monotone motion to a length [m] and pressure [Pa]."""
+        """Return the state after a monotone motion to a length [m] and pressure [Pa]."""
         if self.hysteresis is None:
             return state
         return self.hysteresis.slip.moved(state, length, pressure)
 
     def pull(self, state: SlipState, length: Real, pressure: Real) -> RealArray:
-        """Force [N] after one step from a state to a length [m] and pressure [Pa]; scalars.
+        """Return the force [N] after one step from a state to a length [m] and pressure [Pa], as scalars.
 
         The state is not changed, so an integrator can try several end points; `moved` completes the
         step.

@@ -1,4 +1,4 @@
-"""A muscle whose shape follows from mechanics: profile, braid angle and force together."""
+"""A muscle whose shape follows from equilibrium: profile, braid angle and force are solved together."""
 
 import functools
 from collections.abc import Sequence
@@ -25,15 +25,15 @@ from .parameters import Parametrised, parameter
 FOUND, BEYOND, OVERHANG, COMPRESSION, LOCKED, UNKNOWN, UNSTABLE, LOST = range(8)
 REASONS = (
     "",
-    "the length is not between zero and that of the straight threads, or a number is not finite",
-    "the shoulder overhangs at a fitting: the muscle is shorter than the model reaches at this pressure",
-    "the threads would be in compression: the pressure's push and the pull together are not positive",
-    "the braid is locked: its threads run around the muscle",
-    "the bladder has no bore there, or its law does not know the strains",
-    "the balance that was found is not stable",
-    "no balance was found: give more modes, or look at the dimensions and their units",
+    "the length is not between zero and the straight-thread length, or a number is not finite",
+    "the shoulder overhangs at a fitting: the muscle is too short for the model at this pressure",
+    "the threads would be in compression: the end force of the pressure plus the pull is not positive",
+    "the braid is locked: its threads lie along the circumference",
+    "the bladder's bore is closed at this state, or its stress law is undefined at these strains",
+    "the equilibrium that was found is unstable",
+    "no equilibrium was found: use more modes, or check the dimensions and their units",
 )
-"""Reason for a missing state, by its code."""
+"""Reason for a missing state, indexed by code."""
 
 _RULE = np.polynomial.legendre.leggauss(16)
 _PROBE = 0.1  # strain at which a law's stress gives the scale of forces
@@ -43,8 +43,8 @@ _TILTED, _SLACK, _ROUND = 0.3, 0.15, 0.02
 class Section(Parametrised):
     """A section of a muscle with its own braid, bladder or material.
 
-    Each part is described as if it formed the whole muscle: a section with half the share and a braid
-    with 9 in of thread and one turn contains 4.5 in of thread and half a turn.
+    Each part is described as if it formed the whole muscle: a section with a share of one half and a
+    braid with 9 in of thread and one turn contains 4.5 in of thread and half a turn.
 
     Attributes:
         share: fraction of the material coordinate, > 0; all shares sum to one.
@@ -84,10 +84,10 @@ class Shape(eqx.Module):
 
 
 class State(eqx.Module):
-    """State of a muscle at a length and pressure; nan if there is none.
+    """State of a muscle at a length and pressure; nan if no state exists.
 
     Attributes:
-        force: pull F [N].
+        force: axial force F [N], positive if the muscle pulls.
         volume: fluid volume V [m3].
         energy: strain energy U [J] of bladder and threads.
         margin: smallest stiffness of the shape [N/m]; see `EquilibriumMuscle.margin`.
@@ -105,15 +105,15 @@ _quick = functools.partial(compiled_method, jit=quick_jit)
 
 
 class EquilibriumMuscle(AbstractMuscle):
-    """A muscle with the shape of least energy, its threads pinned where they cross.
+    """A muscle whose shape has the least energy, with the threads pinned where they cross.
 
     The energy at length L and gauge pressure P is the integral over the material coordinate Z of
 
         W(r, mu) - P pi r^2 z',   r'^2 + z'^2 = mu^2 = B^2 - (2 pi N r)^2
 
-    with W the strain energy of the bladder, and of threads that stretch. The pull is its derivative in
-    the length, and the volume that in the pressure, so that no force makes work from nothing. A state
-    without a stable shape is nan; `reason` says why.
+    where W is the strain energy of the bladder and of any elastic threads. The force is the derivative of
+    this energy with respect to length, and the volume follows from that with respect to pressure, so the
+    force does no work without a source. A state without a stable shape is nan; `reason` explains why.
 
     Friction, gravity and the width of the threads are neglected. The bladder sticks to the braid.
 
@@ -159,11 +159,11 @@ class EquilibriumMuscle(AbstractMuscle):
         sections: Sequence[Section] = (),
         modes: int | None = None,
     ) -> None:
-        """See the attributes.
+        """Create a muscle; see the attributes.
 
         Raises:
-            InputError: shares that do not sum to one, a wall or a length that is not positive, a fitting
-                wider than the threads reach; of traced numbers nothing is known.
+            InputError: the shares do not sum to one, a wall or a length is not positive, or a fitting is
+                wider than the threads can reach. Traced numbers are not checked.
         """
         self.braid, self.bladder, self.material = braid, bladder, material
         self.end_diameter = as_real(end_diameter)
@@ -181,7 +181,7 @@ class EquilibriumMuscle(AbstractMuscle):
         return jnp.asarray(sum(lengths))
 
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """From just below the neutral angle to where the braid closes the bladder's bore at rest."""
+        """Return lengths [m] from just below the neutral angle to where the bladder's bore closes."""
         thread = sum(share * part.braid.rest_thread_length for share, part in parts_of(self))
         cylinders = [(s, EstimatedGeometry(p.braid, p.bladder)) for s, p in parts_of(self)]
         longest = sum(share * one.length_range()[1] for share, one in cylinders)
@@ -189,7 +189,7 @@ class EquilibriumMuscle(AbstractMuscle):
 
     @_quick
     def force(self, length: Real, pressure: Real) -> RealArray:
-        """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
+        """Return the static force F [N] at length L [m] and gauge pressure P [Pa], broadcast shape."""
 
         def one(length: RealArray, pressure: RealArray) -> RealArray:
             balance, solved, code = _balance(self, length, pressure)
@@ -199,7 +199,7 @@ class EquilibriumMuscle(AbstractMuscle):
 
     @_quick
     def state(self, length: Real, pressure: Real) -> "State":
-        """Pull, volume, energy, margin and reason code, broadcast shape."""
+        """Return force, volume, energy, margin and reason code, broadcast shape."""
 
         def one(length: RealArray, pressure: RealArray) -> State:
             balance, solved, code = _balance(self, length, pressure)
@@ -216,27 +216,27 @@ class EquilibriumMuscle(AbstractMuscle):
         return at_each(one, as_real(length), as_real(pressure))
 
     def volume(self, length: Real, pressure: Real) -> RealArray:
-        """Fluid volume V [m3], the volume inside the braid minus the rubber, broadcast shape."""
+        """Return the fluid volume V [m3], the volume inside the braid minus the rubber, broadcast shape."""
         return self.state(length, pressure).volume
 
     def energy(self, length: Real, pressure: Real) -> RealArray:
-        """Strain energy [J] of bladder and threads, broadcast shape: dU = F dL + P dV.
+        """Return the strain energy [J] of bladder and threads, broadcast shape: dU = F dL + P dV.
 
-        For a law without an energy, it is the work of the stresses along a straight path of strains. The
-        work of the deadband, P_d V, counts as stored.
+        For a law without a strain energy, this is the work of the stresses along a straight strain path.
+        The deadband's work, P_d V, counts as stored.
         """
         return self.state(length, pressure).energy
 
     def margin(self, length: Real, pressure: Real) -> RealArray:
-        """Stability [N/m]: smallest stiffness of the shape at fixed length and pressure, broadcast shape.
+        """Return the shape's smallest stiffness [N/m] at fixed length and pressure, broadcast shape.
 
-        The smallest eigenvalue of the energy's second derivative per mean square of the radius. The
-        cylinder's condition dF/dr < 0 is the limit of a long muscle.
+        This stability margin is the smallest eigenvalue of the energy's second derivative, per mean
+        square of the radius. The cylinder's condition dF/dr < 0 is the limit for a long muscle.
         """
         return self.state(length, pressure).margin
 
     def profile(self, length: Real, pressure: Real, points: int = 101) -> Shape:
-        """The shape at active length L [m] and gauge pressure P [Pa].
+        """Return the shape at active length L [m] and gauge pressure P [Pa].
 
         Args:
             length: active length L [m].
@@ -244,7 +244,8 @@ class EquilibriumMuscle(AbstractMuscle):
             points: number of points in each section, equally spaced along the threads.
 
         Returns:
-            The shape in arrays of the broadcast shape, with the points as last axis; nan if there is none.
+            The shape; arrays have the broadcast shape and a last axis of points, and are nan if no shape
+            exists.
         """
         return self._profile(as_real(length), as_real(pressure), points)
 
@@ -258,13 +259,15 @@ class EquilibriumMuscle(AbstractMuscle):
         return at_each(one, length, pressure)
 
     def cut_to_length(self, rest_length: RealArray) -> "EquilibriumMuscle":
-        """The muscle with another rest length [m] and the same fittings; see `famjax.cut_to_length`.
+        """Return the muscle with another rest length [m] and the same fittings; see `famjax.cut_to_length`.
 
         Raises:
             ValueError: the muscle has sections, so the place of the cut is ambiguous.
         """
         if self.sections:
-            raise ValueError("a muscle with sections cannot be cut: build one with other sections")
+            raise ValueError(
+                "a muscle with sections cannot be cut to length: build one with other sections"
+            )
         cut = EstimatedGeometry(self.braid, self.bladder).cut_to_length(rest_length)
         return EquilibriumMuscle(
             cut.braid, cut.bladder, self.material, end_diameter=self.end_diameter,
@@ -272,17 +275,17 @@ class EquilibriumMuscle(AbstractMuscle):
         )  # fmt: skip
 
     def reason(self, length: float, pressure: float) -> str:
-        """Explain why there is no state at this length [m] and pressure [Pa]; "" if there is one."""
+        """Explain why no state exists at this length [m] and pressure [Pa]; "" if one exists."""
         return REASONS[int(self.state(length, pressure).code)]
 
     def blocked_force(self, pressure: Real) -> RealArray:
-        """Blocked force [N], the pull at zero contraction and gauge pressure P [Pa]."""
+        """Return the blocked force [N], at zero contraction and gauge pressure P [Pa]."""
         return self.force(self.rest_length, pressure)
 
     def length_at_load(self, load: Real, pressure: Real, *, throw: bool = True) -> RealArray:
-        """Active length L [m] at which the muscle carries the load; see `AbstractMuscle`.
+        """Return the active length L [m] at which the muscle carries the load; see `AbstractMuscle`.
 
-        The length follows from one equilibrium at the given pull, without a root search.
+        The length follows from one equilibrium at the given load, without a root search.
         """
         length, found = self._loaded(load, pressure)
         return required(length, found, "equilibrium length") if throw else length
@@ -298,7 +301,7 @@ class EquilibriumMuscle(AbstractMuscle):
 
 
 def parts_of(muscle: EquilibriumMuscle) -> list[tuple[float, Part]]:
-    """Share and parts of each section, with the bladder at its start."""
+    """Return share and parts of each section, with the bladder at the start of the section."""
     whole = Part(muscle.braid, muscle.bladder, muscle.material)
     if not muscle.sections:
         return [(1.0, whole)]
@@ -315,7 +318,7 @@ def _ends(muscle: EquilibriumMuscle) -> Float[Array, "2"]:
 
 
 def _modes_for(muscle: EquilibriumMuscle) -> int:
-    """Modes that resolve the shoulders: more for slender sections."""
+    """Return the number of modes that resolves the shoulders; slender sections need more."""
     slender = [s * p.bladder.rest_length / muscle.end_diameter for s, p in parts_of(muscle)]
     if any(isinstance(one, Tracer) for one in slender):
         return 32
@@ -323,11 +326,11 @@ def _modes_for(muscle: EquilibriumMuscle) -> int:
 
 
 def _check(muscle: EquilibriumMuscle) -> None:
-    """Refuse impossible dimensions; traced numbers are not checked."""
+    """Reject impossible dimensions; traced numbers are not checked."""
     shares, parts = zip(*parts_of(muscle), strict=True)
     if min(shares) <= 0 or abs(sum(shares) - 1) > 1e-9:
         raise InputError(
-            f"the shares of the sections must be > 0 and sum to 1, got {sum(shares):.6g}"
+            f"the shares of the sections must be > 0 and sum to 1; their sum is {sum(shares):.6g}"
         )
     far = [one.far_bladder for one in muscle.sections if one.far_bladder is not None]
     for one in [*(part.bladder for part in parts), *far]:
@@ -341,8 +344,8 @@ def _check(muscle: EquilibriumMuscle) -> None:
             continue
         if not 0 < 2 * float(radius) < float(widest):
             raise InputError(
-                f"an end diameter must be > 0 and less than the {float(widest):.4g} m at which the "
-                f"threads run around the muscle, got {2 * float(radius):.4g} m"
+                f"an end diameter must be > 0 and less than {float(widest):.4g} m, where the threads lie "
+                f"along the circumference; got {2 * float(radius):.4g} m"
             )
 
 
@@ -352,7 +355,7 @@ def _balance(
     pressure: RealArray,
     load: RealArray | None = None,
 ) -> tuple[Balance, Solved, Int[Array, ""]]:
-    """Equilibrium at a scalar length or load: equations, solution and reason code."""
+    """Solve for equilibrium at a scalar length or load; return equations, solution and reason code."""
     parts, ends = parts_of(muscle), _ends(muscle)
     pressure = pressure - muscle.deadband_pressure
     far = [one.far_bladder for one in muscle.sections] or [None]
@@ -397,7 +400,7 @@ def _balance(
 
 
 def _code(balance: Balance, solved: Solved) -> Int[Array, ""]:
-    """Code of the reason, from the last point of the solver."""
+    """Return the reason code, from the solver's last point."""
     stable = jnp.all(jnp.isfinite(jnp.linalg.cholesky(reduced_hessian(solved.point.matrix))))
     rooms, kept = solved.point.rooms, solved.point.kept
     far = 0 if balance.symmetric else -1
@@ -419,7 +422,7 @@ def _code(balance: Balance, solved: Solved) -> Int[Array, ""]:
 
 
 def _axial_rate(state: RealArray, part: Part, pressure: RealArray) -> RealArray:
-    """Z' = mu m / sqrt(m^2 + p^2) at one station."""
+    """Return z' = mu m / sqrt(m^2 + p^2) at one station."""
     radius, _, force, across, stretch = full(state)
     along = pressure * jnp.pi * radius**2 + force
     meridian, *_ = part.place(radius, stretch)
@@ -427,7 +430,7 @@ def _axial_rate(state: RealArray, part: Part, pressure: RealArray) -> RealArray:
 
 
 def _length_and_volume(balance: Balance, solved: Solved) -> tuple[RealArray, RealArray]:
-    """Length [m] and volume [m3] of the fluid."""
+    """Return the length [m] and the fluid volume [m3]."""
     length = volume = jnp.zeros_like(balance.pressure)
     rates = balance.each(_axial_rate, solved.y)
     for rule, part, state, rate in zip(
@@ -440,7 +443,7 @@ def _length_and_volume(balance: Balance, solved: Solved) -> tuple[RealArray, Rea
 
 
 def _energy(balance: Balance, solved: Solved) -> RealArray:
-    """Strain energy [J] along a straight path of strains from rest."""
+    """Return the strain energy [J] along a straight strain path from rest."""
     nodes, weights = (1 + _RULE[0]) / 2, _RULE[1] / 2
 
     def stored(state: RealArray, part: Part, pressure: RealArray) -> RealArray:
@@ -465,7 +468,7 @@ def _margin(balance: Balance, solved: Solved) -> RealArray:
 
 
 def _shape(balance: Balance, solved: Solved, points: int) -> Shape:
-    """Return the shape at points of every section, by the polynomials through its stations."""
+    """Return the shape at points in each section, from polynomials through its stations."""
     dtype, start, found = balance.ends.dtype, jnp.zeros_like(balance.length), []
     at = np.linspace(-1, 1, points)
     radii = jnp.zeros(len(balance.shares) * balance.order + 1, dtype)

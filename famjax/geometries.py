@@ -64,9 +64,9 @@ class Dimensions(eqx.Module):
         return along & jnp.isfinite(self.volume)
 
     def where(self, reached: Bool[Array, "..."]) -> "Dimensions":
-        """Replace the dimensions of impossible states by the placeholder 1.
+        """Replace the dimensions of impossible states with the placeholder 1.
 
-        Results at these states must be replaced by nan afterwards. A nan here would, in reverse mode,
+        Results at these states must be replaced with nan afterwards. A nan here would, in reverse mode,
         contaminate the derivatives of all other states with respect to shared parameters.
         """
         rates = None if self.rates is None else self.rates.where(reached)
@@ -74,7 +74,7 @@ class Dimensions(eqx.Module):
         return dataclasses.replace(filled, length=jnp.where(reached, self.length, 1.0), rates=rates)
 
     def unless(self, reached: Bool[Array, "..."]) -> "Dimensions":
-        """Replace the dimensions of impossible states by nan."""
+        """Replace the dimensions of impossible states with nan."""
         return self._filled(reached, jnp.nan, jnp.nan)
 
     def _filled(self, reached: Bool[Array, "..."], other: float, long: float) -> "Dimensions":
@@ -87,11 +87,11 @@ class Dimensions(eqx.Module):
 
 
 class AbstractGeometry(Parametrised):
-    """A source of `Dimensions`."""
+    """A geometry, which computes `Dimensions`."""
 
     @abc.abstractmethod
     def dimensions(self, length: Real, pressure: Real) -> Dimensions:
-        """Dimensions at active length L [m] and gauge pressure P [Pa], broadcast shape.
+        """Return the dimensions at active length L [m] and gauge pressure P [Pa], broadcast shape.
 
         Impossible states are nan. `keeps_apart` states whether their derivatives are finite, so that
         they do not contaminate the derivatives of other states in a batch.
@@ -107,7 +107,7 @@ class AbstractGeometry(Parametrised):
         return False
 
     def dimensions_with_rates(self, length: Real, pressure: Real) -> Dimensions:
-        """Return the dimensions with `rates`, their derivatives in the length at constant pressure."""
+        """Return the dimensions with `rates`, their derivatives with respect to length at constant P."""
         lengths, pressures = jnp.broadcast_arrays(as_real(length), as_real(pressure))
         at, rates = jax.jvp(
             lambda lengths: self.dimensions(lengths, pressures),
@@ -118,7 +118,7 @@ class AbstractGeometry(Parametrised):
 
     @abc.abstractmethod
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """Shortest and longest active length [m] for the equilibrium search."""
+        """Return the shortest and longest active length [m] for the equilibrium search."""
 
     @property
     @abc.abstractmethod
@@ -126,7 +126,7 @@ class AbstractGeometry(Parametrised):
         """Rest length L0 [m]: active length at zero contraction."""
 
     def inner_volume(self, length: Real, pressure: Real) -> RealArray:
-        """Fluid volume V [m3]: volume within the braid minus rubber.
+        """Return the fluid volume V [m3]: the volume within the braid minus the rubber.
 
         Args:
             length: active length L [m].
@@ -139,10 +139,10 @@ class AbstractGeometry(Parametrised):
         return at.volume - at.bladder_volume
 
     def braid_limits(self) -> tuple[RealArray, RealArray]:
-        """Active lengths [m] at which the unloaded braid locks, and at which its threads are straight.
+        """Return the active lengths [m] at which the unloaded braid locks and its threads are straight.
 
-        The braid locks at the neutral angle, where pressure cannot shorten it further. With straight
-        threads only thread stretch can lengthen it.
+        The braid locks at the neutral angle, where pressure cannot shorten it further. Once the threads
+        are straight, only thread stretch can lengthen the braid.
 
         Returns:
             (lock, straight) [m]; nan for a geometry without `braid`.
@@ -160,16 +160,16 @@ class AbstractGeometry(Parametrised):
         """Return the same construction with another rest length [m]; see `famjax.cut_to_length`.
 
         Raises:
-            ValueError: the shape is valid for one length only.
+            ValueError: the shape is valid for only one length.
         """
         raise ValueError(
             f"a {type(self).__name__} cannot be cut to another length: a measured or assumed shape is "
-            "valid for one length only. In your own geometry, define cut_to_length(rest_length)"
+            "valid for only one length. In your own geometry, define cut_to_length(rest_length)"
         )
 
 
 def bladder_thickness(length: Real, outer_radius: Real, bladder_volume: Real) -> RealArray:
-    """Wall thickness t [m] of an incompressible tube, t = R - sqrt(R^2 - V / (pi L)).
+    """Return the wall thickness t [m] of an incompressible tube, t = R - sqrt(R^2 - V / (pi L)).
 
     Args:
         length: L [m], > 0.
@@ -216,12 +216,12 @@ class Bladder(Parametrised):
 
     @property
     def smallest_braid_radius(self) -> RealArray:
-        """Braid radius [m], without the braid's thickness, at which the bore closes at L0."""
+        """Braid radius [m], excluding the braid's thickness, at which the bore closes at L0."""
         solid_radius = jnp.sqrt(self.volume / (jnp.pi * self.rest_length))
         return solid_radius / 2 if self.embedded else solid_radius
 
     def fits(self, length: Real, radius: Real) -> Bool[Array, "..."]:
-        """Return True where the rubber fits in a length [m] and radius [m]; see `thickness`."""
+        """Return True where the rubber fits within a length [m] and radius [m]; see `thickness`."""
         positive = (jnp.asarray(length) > 0) & (radius > 0)
         if self.embedded:
             return positive
@@ -243,7 +243,7 @@ class Bladder(Parametrised):
         return bladder_thickness(length, radius, self.volume)
 
     def axial_strain(self, length: Real) -> RealArray:
-        """Return the axial engineering strain eps_z [-], L / L0 - 1; negative when shorter."""
+        """Return the axial engineering strain eps_z [-], L / L0 - 1; negative if shortened."""
         return jnp.asarray(length / self.rest_length - 1)
 
     def hoop_strain(self, length: Real, radius: Real) -> RealArray:
@@ -326,7 +326,7 @@ class EstimatedGeometry(AbstractGeometry):
 
     @compiled_method
     def dimensions(self, length: Real, pressure: Real) -> Dimensions:
-        """Dimensions at active length L [m] and gauge pressure P [Pa], broadcast shape."""
+        """Return the dimensions at active length L [m] and gauge pressure P [Pa], broadcast shape."""
         at, thread_length, reached = self.braid.reach(length, pressure)
         radius = diameter_from_length(at, thread_length, self.braid.turns) / 2
         angle = braid_angle_from_length(at, thread_length)
@@ -340,7 +340,7 @@ class EstimatedGeometry(AbstractGeometry):
         return True
 
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """Lengths [m] from just below the neutral angle to the closing of the bladder's bore."""
+        """Return lengths [m] from just below the neutral angle to where the bladder's bore closes."""
         inset = 0.0 if self.bladder.embedded else self.braid.thickness
         smallest = 2 * (self.bladder.smallest_braid_radius + inset)
         closed = jnp.pi * self.braid.turns * smallest
@@ -365,7 +365,7 @@ class EstimatedGeometry(AbstractGeometry):
         return EstimatedGeometry(longer, dataclasses.replace(self.bladder, rest_length=new))
 
     def parameters(self) -> dict[str, RealArray]:
-        """Return unloaded braid diameter and angle at rest, then the parameters of braid and bladder."""
+        """Return unloaded braid diameter and angle at rest, then other braid and bladder parameters."""
         rest, thread = self.rest_length, self.braid.rest_thread_length
         natural = {
             "braid_diameter": diameter_from_length(rest, thread, self.braid.turns),
@@ -380,7 +380,7 @@ class EstimatedGeometry(AbstractGeometry):
         return _AT_REST | {name: others[name] for name in others if name not in self._replaced}
 
     def with_parameters(self, values: Mapping[str, Real]) -> "EstimatedGeometry":
-        """Return the geometry with new values of some parameters.
+        """Return the geometry with new values for some parameters.
 
         A new rest length keeps diameter and angle and changes thread length and turns. The mid-wall
         diameter of an embedded bladder changes with the braid diameter.
@@ -409,7 +409,7 @@ class EstimatedGeometry(AbstractGeometry):
 
     @property
     def _replaced(self) -> tuple[str, ...]:
-        """Parameters of braid and bladder that diameter and angle at rest replace."""
+        """Parameters of braid and bladder that are replaced by diameter and angle at rest."""
         fields = ("rest_thread_length", "turns")
         return (*fields, "bladder_diameter") if self.bladder.embedded else fields
 
@@ -428,7 +428,7 @@ class EndEffectGeometry(AbstractGeometry):
 
     This is equivalent to a dead length l = L0 (1 - 1/k) at the ends; the strains of the remaining
     length are k times as large. `volume` is the volume of a cylinder with the shortened length,
-    without the ends; the muscle's own volume changes by 1/k of its change.
+    without the ends; the muscle's own volume changes by 1/k as much.
 
     Attributes:
         cylinder: geometry of the pulling part, with the muscle's rest length.
@@ -443,7 +443,7 @@ class EndEffectGeometry(AbstractGeometry):
 
     @compiled_method
     def dimensions(self, length: Real, pressure: Real) -> Dimensions:
-        """Dimensions of the cylinder at active length L [m] and gauge pressure P [Pa]."""
+        """Return the cylinder's dimensions at active length L [m] and gauge pressure P [Pa]."""
         positive = as_real(length) > 0
         at = jnp.where(positive, length, jax.lax.stop_gradient(self.rest_length))
         shortened = tondu_lopez_length(at, self.rest_length, self.end_factor)
@@ -451,11 +451,11 @@ class EndEffectGeometry(AbstractGeometry):
 
     @property
     def keeps_apart(self) -> bool:
-        """Same as the cylinder's."""
+        """Same value as for the cylinder."""
         return self.cylinder.keeps_apart
 
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """Shortest and longest active length [m], mapped back from the cylinder."""
+        """Return the shortest and longest active length [m], mapped back from the cylinder."""
         shortest, longest = (
             tondu_lopez_length(end, self.rest_length, 1 / self.end_factor)
             for end in self.cylinder.length_range()
@@ -468,10 +468,10 @@ class EndEffectGeometry(AbstractGeometry):
         return self.cylinder.rest_length
 
     def inner_volume(self, length: Real, pressure: Real) -> RealArray:
-        """Fluid volume V [m3], V_c(L0) + (V_c(L) - V_c(L0))/k, with the cylinder's volume V_c.
+        """Return the fluid volume V [m3], V_c(L0) + (V_c(L) - V_c(L0))/k; V_c is the cylinder's volume.
 
-        Its derivative in the length then equals the cylinder's, as virtual work requires. At rest the
-        ends count as part of the cylinder.
+        The derivative of V with respect to length then equals the cylinder's, as virtual work requires.
+        At rest, the ends count as part of the cylinder.
         """
         found = self.dimensions(length, pressure)
         reached = found.reached
@@ -480,13 +480,13 @@ class EndEffectGeometry(AbstractGeometry):
         return jnp.where(reached, volume, jnp.nan)
 
     def braid_limits(self) -> tuple[RealArray, RealArray]:
-        """Limits [m] mapped back from the cylinder; rounded ends shift both."""
+        """Return the limits [m] mapped back from the cylinder; rounded ends shift both."""
         rest = self.rest_length
         lock, straight = self.cylinder.braid_limits()
         return rest + (lock - rest) / self.end_factor, rest + (straight - rest) / self.end_factor
 
     def cut_to_length(self, rest_length: RealArray) -> "EndEffectGeometry":
-        """Return the same ends on a cylinder with another length; the dead length L0 (1 - 1/k) stays."""
+        """Return the same ends on a cylinder with another length, keeping the dead length L0 (1 - 1/k)."""
         dead = self.rest_length * (1 - 1 / self.end_factor)
         new = eqx.error_if(
             rest_length,

@@ -14,7 +14,7 @@ from ._arrays import Given, Real, RealArray, as_real, promoting
 from .parameters import Declared, Parametrised, checked_values, number, parameter
 
 STRESS_SCALE = 1e6
-"""Scale [Pa] of coefficients in a search."""
+"""Typical magnitude [Pa] of a coefficient, which scales it in a search."""
 
 
 class AbstractMaterial(Parametrised):
@@ -36,15 +36,15 @@ class AbstractMaterial(Parametrised):
     def stresses(
         self, axial_strain: Real, hoop_strain: Real, pressure: Real
     ) -> tuple[RealArray, RealArray]:
-        """True stresses (sigma_z, sigma_c) [Pa], positive in tension.
+        """Return the true stresses (sigma_z, sigma_c) [Pa], positive in tension.
 
         Args:
-            axial_strain: eps_z [-], engineering, negative when the muscle is shorter.
+            axial_strain: eps_z [-], engineering, negative when the muscle is shortened.
             hoop_strain: eps_c [-], engineering, at mid-wall.
             pressure: gauge pressure P [Pa]; ignored by laws that do not depend on it.
 
         Returns:
-            (sigma_z, sigma_c) [Pa], each of the broadcast shape.
+            (sigma_z, sigma_c) [Pa], each with the broadcast shape.
         """
 
 
@@ -56,13 +56,13 @@ class AbstractUniaxialLaw(AbstractMaterial):
 
     @abc.abstractmethod
     def stress(self, strain: Real) -> RealArray:
-        """True stress sigma [Pa] of one direction at engineering strain eps [-]."""
+        """Return the true stress sigma [Pa] in one direction at engineering strain eps [-]."""
 
     @promoting
     def stresses(
         self, axial_strain: Real, hoop_strain: Real, pressure: Real
     ) -> tuple[RealArray, RealArray]:
-        """True stresses (sigma_z, sigma_c) [Pa]."""
+        """Return the true stresses (sigma_z, sigma_c) [Pa]."""
         del pressure
         return self.stress(axial_strain), self.stress(hoop_strain)
 
@@ -93,7 +93,7 @@ class SaturatingMaterial(AbstractUniaxialLaw):
     law_name: ClassVar[str] = "saturating"
 
     def stress(self, strain: Real) -> RealArray:
-        """True stress sigma [Pa] of one direction at engineering strain eps [-]."""
+        """Return the true stress sigma [Pa] in one direction at engineering strain eps [-]."""
         eps = as_real(strain)
         sign = jnp.where(eps >= 0, 1.0, -1.0)
         rising = -sign * jnp.expm1(-sign * eps / self.strain_scale)
@@ -141,30 +141,30 @@ class PolynomialMaterial(AbstractUniaxialLaw):
     law_name: ClassVar[str] = "polynomial"
 
     def __check_init__(self) -> None:
-        """Refuse coefficients that do not form one row."""
+        """Reject coefficients that do not form one row."""
         shape = np.shape(self.coefficients)
         if len(shape) != 1 or not shape[0]:
             raise ValueError(
                 f"the coefficients E_1, E_2, ... must form one row of shape (order,), got shape {shape}; "
-                "create many laws within jax.vmap"
+                "to create many laws, use jax.vmap"
             )
 
     @classmethod
     def template(cls, *, order: int = 3, **fields: Any) -> "PolynomialMaterial":
-        """Create the law of an order, by default the cubic one."""
+        """Create the law with a given order, cubic by default."""
         fields.setdefault("coefficients", np.full(order, STRESS_SCALE))
         return super().template(**fields)
 
     def stress(self, strain: Real) -> RealArray:
-        """True stress sigma [Pa] at engineering strain eps [-]; odd, sigma(-eps) = -sigma(eps)."""
+        """Return the true stress sigma [Pa] at engineering strain eps [-]; sigma(-eps) = -sigma(eps)."""
         return odd_powers(strain, self.coefficients.shape[-1]) @ self.coefficients
 
 
 class PressurePolynomialMaterial(AbstractMaterial):
-    """The polynomial law with coefficients that depend on pressure, given at pressure nodes.
+    """The polynomial law with coefficients that depend on pressure, specified at pressure nodes.
 
-    Between nodes E_n is interpolated linearly. With two nodes the law is linear in pressure and is
-    extrapolated. With more nodes it is nan outside their range.
+    E_n is interpolated linearly between nodes. With two nodes, the law is linear in pressure and is
+    extrapolated. With more nodes, it is nan outside their range.
 
     Attributes:
         node_pressures: [Pa], shape (nodes,), increasing, at least two.
@@ -194,7 +194,7 @@ class PressurePolynomialMaterial(AbstractMaterial):
     def stresses(
         self, axial_strain: Real, hoop_strain: Real, pressure: Real
     ) -> tuple[RealArray, RealArray]:
-        """True stresses (sigma_z, sigma_c) [Pa]; nan at pressures [Pa] outside the nodes' range."""
+        """Return the true stresses (sigma_z, sigma_c) [Pa]; nan at pressures outside the nodes' range."""
         at, nodes, values = as_real(pressure), self.node_pressures, self.node_coefficients
         known = (at >= nodes[0]) & (at <= nodes[-1]) if nodes.size > 2 else jnp.isfinite(at)
         at = jnp.where(known, at, nodes[0])  # nan would spoil the derivatives of other states
@@ -230,7 +230,7 @@ class AbstractHyperelastic(AbstractMaterial):
 
     @abc.abstractmethod
     def energy(self, axial_stretch: Real, hoop_stretch: Real) -> RealArray:
-        """Energy W [J/m3] per unit volume at lambda_z, lambda_c [-], both > 0, broadcast shape."""
+        """Return the energy W [J/m3] per unit volume at lambda_z, lambda_c [-] > 0, broadcast shape."""
 
     @property
     @abc.abstractmethod
@@ -239,14 +239,14 @@ class AbstractHyperelastic(AbstractMaterial):
 
     @property
     def initial_modulus(self) -> RealArray:
-        """Tangent modulus [Pa] of a tensile test at zero strain, E = 3 mu."""
+        """Tangent modulus [Pa] at zero strain in a tensile test, E = 3 mu."""
         return 3 * self.initial_shear_modulus
 
     @promoting
     def stresses(
         self, axial_strain: Real, hoop_strain: Real, pressure: Real
     ) -> tuple[RealArray, RealArray]:
-        """True (Cauchy) stresses (sigma_z, sigma_c) [Pa] of the broadcast shape."""
+        """Return the true (Cauchy) stresses (sigma_z, sigma_c) [Pa], broadcast shape."""
         axial, hoop, _ = jnp.broadcast_arrays(
             1 + as_real(axial_strain), 1 + as_real(hoop_strain), as_real(pressure)
         )
@@ -256,13 +256,13 @@ class AbstractHyperelastic(AbstractMaterial):
         )
 
     def uniaxial_stress(self, strain: Real) -> RealArray:
-        """True stress [Pa] of a tensile test, sigma = lambda dW/dlambda along lambda^-1/2.
+        """Return the true stress [Pa] in a tensile test, sigma = lambda dW/dlambda along lambda^-1/2.
 
         Args:
             strain: eps [-], engineering, > -1.
 
         Returns:
-            sigma [Pa], of the strain's shape.
+            sigma [Pa], with the strain's shape.
         """
         stretch = 1 + as_real(strain)
         return stretch * derivative(lambda along: self.energy(along, 1 / jnp.sqrt(along)), stretch)
@@ -293,7 +293,7 @@ class NeoHookeanMaterial(AbstractHyperelastic):
     law_name: ClassVar[str] = "neo-hookean"
 
     def energy(self, axial_stretch: Real, hoop_stretch: Real) -> RealArray:
-        """Energy W [J/m3] per unit volume, broadcast shape."""
+        """Return the energy W [J/m3] per unit volume, broadcast shape."""
         I1 = _first_invariant(as_real(axial_stretch), as_real(hoop_stretch))
         return self.shear_modulus / 2 * (I1 - 3)
 
@@ -324,7 +324,7 @@ class MooneyRivlinMaterial(AbstractHyperelastic):
     law_name: ClassVar[str] = "mooney-rivlin"
 
     def energy(self, axial_stretch: Real, hoop_stretch: Real) -> RealArray:
-        """Energy W [J/m3] per unit volume, broadcast shape."""
+        """Return the energy W [J/m3] per unit volume, broadcast shape."""
         axial, hoop = as_real(axial_stretch), as_real(hoop_stretch)
         I2 = 1 / axial**2 + 1 / hoop**2 + (axial * hoop) ** 2
         return self.c10 * (_first_invariant(axial, hoop) - 3) + self.c01 * (I2 - 3)
@@ -353,12 +353,12 @@ class YeohMaterial(AbstractHyperelastic):
 
     @classmethod
     def template(cls, *, order: int = 3, **fields: Any) -> "YeohMaterial":
-        """Create the law with a number of terms, by default three."""
+        """Create the law with a given number of terms, three by default."""
         fields.setdefault("coefficients", np.full(order, STRESS_SCALE))
         return super().template(**fields)
 
     def energy(self, axial_stretch: Real, hoop_stretch: Real) -> RealArray:
-        """Energy W [J/m3] per unit volume, broadcast shape."""
+        """Return the energy W [J/m3] per unit volume, broadcast shape."""
         x = _first_invariant(as_real(axial_stretch), as_real(hoop_stretch)) - 3
         energy = jnp.zeros_like(x)
         for i in reversed(range(self.coefficients.shape[-1])):
@@ -375,7 +375,7 @@ class OgdenMaterial(AbstractHyperelastic):
     """The Ogden law with any number of terms.
 
     W = sum over p of mu_p / alpha_p (lambda_z^alpha_p + lambda_c^alpha_p + lambda_r^alpha_p - 3).
-    Some programs use 2 mu_p / alpha_p^2 as factor; their mu_p is alpha_p / 2 times this one.
+    Some programs use 2 mu_p / alpha_p^2 as the factor; their mu_p is alpha_p / 2 times the one here.
 
     Attributes:
         moduli: mu_p [Pa], shape (terms,).
@@ -404,7 +404,7 @@ class OgdenMaterial(AbstractHyperelastic):
             )
 
     def energy(self, axial_stretch: Real, hoop_stretch: Real) -> RealArray:
-        """Energy W [J/m3] per unit volume, broadcast shape."""
+        """Return the energy W [J/m3] per unit volume, broadcast shape."""
         axial, hoop = as_real(axial_stretch)[..., None], as_real(hoop_stretch)[..., None]
         a = self.exponents
         powers = axial**a + hoop**a + (axial * hoop) ** -a
@@ -414,7 +414,7 @@ class OgdenMaterial(AbstractHyperelastic):
     def stresses(
         self, axial_strain: Real, hoop_strain: Real, pressure: Real
     ) -> tuple[RealArray, RealArray]:
-        """True stresses [Pa], sigma_i = sum over p of mu_p (lambda_i^alpha_p - lambda_r^alpha_p)."""
+        """Return true stresses [Pa], sigma_i = sum over p of mu_p (lambda_i^alpha_p - lambda_r^alpha_p)."""
         del pressure
         axial = (1 + as_real(axial_strain))[..., None] ** self.exponents
         hoop = (1 + as_real(hoop_strain))[..., None] ** self.exponents
@@ -438,7 +438,7 @@ class OgdenMaterial(AbstractHyperelastic):
         return super().template(**fields)
 
     def parameters(self) -> dict[str, RealArray]:
-        """Return shear modulus G = mu alpha / 2 and exponent of one term; mu_p and alpha_p of several."""
+        """Return shear modulus G = mu alpha / 2 and exponent for one term, or every mu_p and alpha_p."""
         if self.moduli.shape != (1,):
             return super().parameters()
         return dict(zip(_ONE_TERM, (self.initial_shear_modulus, self.exponents[0]), strict=True))
@@ -448,9 +448,9 @@ class OgdenMaterial(AbstractHyperelastic):
         return super().declared() if self.moduli.shape != (1,) else dict(_ONE_TERM)
 
     def with_parameters(self, values: Mapping[str, Real]) -> "OgdenMaterial":
-        """Return the law with other values; with one term, mu = 2 G / alpha.
+        """Return the law with new values; with one term, mu = 2 G / alpha.
 
-        Exponents closer to 0 than 1e-6 are moved by 1e-6, so the limit, Hencky's law, is approximated to
+        Exponents within 1e-6 of 0 are shifted by 1e-6, so the limit, Hencky's law, is approximated to
         about 1e-6.
 
         Raises:

@@ -1,4 +1,4 @@
-"""Lengths, areas and volumes of a measured shape, by quadrature over the axis.
+"""Lengths, areas and volumes of a measured shape, by quadrature along the axis.
 
 A profile is integrated by Gauss-Legendre quadrature after the substitution x = u^2 (3 - 2 u), which
 also handles ends with a vertical tangent, dR/dz ~ 1 / sqrt(z).
@@ -25,7 +25,7 @@ terms, and below 1e-12 for the reference work's profiles."""
 
 
 class Meridian(eqx.Module):
-    """A profile at its quadrature stations, and the integrals over it.
+    """A profile at its quadrature stations, and its integrals.
 
     Attributes:
         length: L [m].
@@ -50,12 +50,12 @@ class Meridian(eqx.Module):
         """Evaluate an outline at the quadrature stations.
 
         Args:
-            diameter: D(x, L), such as the method of a profile.
+            diameter: D(x, L), such as a profile's method `diameter`.
             length: active length L [m], > 0.
             order: number of quadrature stations, >= 1.
 
         Returns:
-            The meridian; its arrays have the shape of the length and a last axis of stations.
+            The meridian; its arrays have the shape of the length, plus a last axis of stations.
 
         Raises:
             RuntimeError: the diameter is not positive everywhere.
@@ -71,7 +71,7 @@ class Meridian(eqx.Module):
         return cls(length, radius, rate / (2 * length[..., None]), weights)
 
     def inset(self, thickness: Real) -> "Meridian":
-        """Return the line offset inwards along the radius by a thickness [m]: the bladder's outside.
+        """Return the meridian offset radially inwards by a thickness [m]: the bladder's outer surface.
 
         Raises:
             RuntimeError: the thickness exceeds the radius somewhere.
@@ -82,22 +82,22 @@ class Meridian(eqx.Module):
         return Meridian(self.length, radius, self.slope, self.weights)
 
     def mean(self, values: Float[Array, "... stations"]) -> RealArray:
-        """Return the axial mean of values at the stations."""
+        """Return the axial mean of the values at the stations."""
         return jnp.sum(self.weights * values, axis=-1)
 
     @property
     def mean_diameter(self) -> RealArray:
-        """Average diameter [m] over the axis."""
+        """Average diameter [m] along the axis."""
         return 2 * self.mean(self.radius)
 
     @property
     def arc_length(self) -> RealArray:
-        """Length [m] of the line from fitting to fitting, without the faces of steps."""
+        """Length [m] of the meridian from fitting to fitting, excluding the faces of steps."""
         return self.length * self.mean(jnp.sqrt(1 + self.slope**2))
 
     @property
     def surface_area(self) -> RealArray:
-        """Lateral area [m2] of the surface of revolution, without the faces of steps."""
+        """Lateral area [m2] of the surface of revolution, excluding the faces of steps."""
         element = self.radius * jnp.sqrt(1 + self.slope**2)
         return 2 * jnp.pi * self.length * self.mean(element)
 
@@ -107,7 +107,7 @@ class Meridian(eqx.Module):
         return jnp.pi * self.length * self.mean(self.radius**2)
 
     def thickness(self, bladder_volume: Real) -> RealArray:
-        """Uniform wall thickness t [m] of a bladder with this outer line, volume / area.
+        """Return the uniform wall thickness t [m] of a bladder with this outer meridian, volume / area.
 
         References:
             Chambers 2021, section 6.1.
@@ -115,7 +115,7 @@ class Meridian(eqx.Module):
         return jnp.asarray(bladder_volume / self.surface_area)
 
     def axial_strain(self, rest_length: Real) -> RealArray:
-        """Return the axial engineering strain eps_z [-] of this line, arc length / L0 - 1.
+        """Return the axial engineering strain eps_z [-] of this meridian, arc length / L0 - 1.
 
         References:
             Chambers 2021, section 6.1.
@@ -123,11 +123,11 @@ class Meridian(eqx.Module):
         return self.arc_length / rest_length - 1
 
     def hoop_strain(self, bladder: Bladder) -> Float[Array, "... stations"]:
-        """Return the hoop engineering strain eps_c [-] at mid-wall of a bladder with this outer line.
+        """Return the mid-wall hoop engineering strain eps_c [-] of a bladder with this outer meridian.
 
         Args:
-            bladder: its volume sets the wall thickness. For an `embedded` bladder this line is the
-                mid-wall line.
+            bladder: its volume sets the wall thickness. For an `embedded` bladder, this meridian lies at
+                mid-wall.
 
         Returns:
             (R - t / 2) / (R_0 - t_0 / 2) - 1 at the stations, shape (..., stations).
@@ -144,9 +144,9 @@ class Meridian(eqx.Module):
         radius = eqx.error_if(
             self.radius,
             bore <= 0,
-            "the radius of a profile must leave a bore in the bladder, but the rubber's volume fills "
-            "it. Check the profile, and the bladder's rest diameter, thickness and length, all in one "
-            "unit",
+            "the radius of a profile must leave a bore in the bladder, but the rubber fills the bore. "
+            "Check the profile and the bladder's rest diameter, thickness and length, and use one unit "
+            "for all of them",
         )
         return (radius - inward * thickness) / bladder.rest_mid_radius - 1
 
@@ -166,11 +166,11 @@ def quadrature(order: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _positive(radius: RealArray, must: str) -> RealArray:
-    """Raise an error if a radius or diameter [m] is not positive; a nan remains."""
+    """Raise an error if a radius or diameter [m] is not positive; nan is kept."""
     return eqx.error_if(
         radius,
         radius <= 0,
-        f"{must}. Check the coefficients of the profile, and that the length lies in the measured range",
+        f"{must}. Check the profile's coefficients, and that the length lies within the measured range",
     )
 
 
@@ -191,7 +191,7 @@ class _OfProfiles(AbstractGeometry):
         return True
 
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """Shortest and longest length [m] of the family: the measured range and its margin."""
+        """Return the family's shortest and longest length [m]: the measured range plus its margin."""
         return self.family.length_range()
 
     @property
@@ -201,11 +201,11 @@ class _OfProfiles(AbstractGeometry):
 
 
 class MeasuredGeometry(_OfProfiles):
-    """The measured geometry: strains and thickness follow the bladder's measured outline.
+    """The measured geometry: strains and thickness follow from the bladder's measured outline.
 
     eps_z = arc length / L0 - 1, t = V / surface area, and eps_c is evaluated at every station. The
     force terms use the average diameter, with theta = atan(L / (pi N D)). The bladder's outline lies
-    t_braid below the measured outline, along the radius; for an `embedded` bladder the two are equal.
+    t_braid radially inside the measured outline; for an `embedded` bladder, the two coincide.
 
     Outside `length_range` the dimensions are nan.
 
@@ -215,8 +215,8 @@ class MeasuredGeometry(_OfProfiles):
         order: number of quadrature stations.
 
     Raises:
-        RuntimeError: the wall closes the bore within the range of lengths. Raised at construction, or
-            in `dimensions` if the numbers are traced.
+        RuntimeError: the wall closes the bore within the range of lengths. The error is raised at
+            construction, or in `dimensions` if the numbers are traced.
 
     References:
         Chambers 2021, chapter 6, "measured".
@@ -234,7 +234,7 @@ class MeasuredGeometry(_OfProfiles):
 
     @compiled_method
     def dimensions(self, length: Real, pressure: Real) -> Dimensions:
-        """Dimensions at active length L [m] and gauge pressure P [Pa], of broadcast shape."""
+        """Return the dimensions at active length L [m] and gauge pressure P [Pa], broadcast shape."""
         length, pressure, thread_length, reached = _states(self.family, length, pressure)
         bladder, inset = self.bladder, 0.0 if self.bladder.embedded else self.braid.thickness
 
@@ -281,7 +281,7 @@ class AverageDiameterGeometry(_OfProfiles):
 
     @compiled_method
     def dimensions(self, length: Real, pressure: Real) -> Dimensions:
-        """Dimensions at active length L [m] and gauge pressure P [Pa], of broadcast shape."""
+        """Return the dimensions at active length L [m] and gauge pressure P [Pa], broadcast shape."""
         length, pressure, thread_length, reached = _states(self.family, length, pressure)
         x, weights = (one.astype(length.dtype) for one in quadrature(self.order))
         diameter = self.family.diameter(x, length[..., None], pressure[..., None])
@@ -296,9 +296,9 @@ class AverageDiameterGeometry(_OfProfiles):
 def _states(
     family: AbstractMeasuredFamily, length: Real, pressure: Real
 ) -> tuple[RealArray, RealArray, RealArray, Bool[Array, "..."]]:
-    """Lengths [m], pressures [Pa], thread lengths [m], and a mask of known states.
+    """Return lengths [m], pressures [Pa], thread lengths [m] and a mask of known states.
 
-    Unknown states are replaced by a state in the middle of the measured range.
+    Unknown states are replaced with a state in the middle of the measured range.
     """
     length, pressure = jnp.broadcast_arrays(as_real(length), as_real(pressure))
     middle = jax.lax.stop_gradient((family.lengths[0] + family.lengths[-1]) / 2)

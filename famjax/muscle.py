@@ -36,11 +36,11 @@ from .terms import AbstractForceTerm, BladderWall, PressurisedBraid, SumOfTerms
 class AbstractMuscle(Parametrised):
     """A static force model: the force at a length and a pressure, and derived quantities.
 
-    Your own model is a class with `force`, `rest_length` and `length_range`. Map its methods with
-    `jax.vmap(muscle.force)` and compile them with `eqx.filter_jit(muscle.force)`.
+    To add your own model, write a class with `force`, `rest_length` and `length_range`. Map its methods
+    with `jax.vmap(muscle.force)` and compile them with `eqx.filter_jit(muscle.force)`.
 
-    One instance is one muscle, and its parameters are scalars. Create and evaluate many muscles under
-    `jax.vmap` or `equinox.filter_vmap`.
+    One instance represents one muscle, and its parameters are scalars. Create and evaluate many muscles
+    under `jax.vmap` or `equinox.filter_vmap`.
 
     Attributes:
         rest_length: active length L0 [m] at zero contraction.
@@ -55,30 +55,31 @@ class AbstractMuscle(Parametrised):
         rest_length: eqx.AbstractVar[RealArray]  # a field or a property
 
     def __check_init__(self) -> None:
-        """Refuse a batch of muscles."""
+        """Reject a batch of muscles."""
         check_one_muscle(self)
 
     @abc.abstractmethod
     def force(self, length: Real, pressure: Real) -> RealArray:
-        """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape.
+        """Return the static force F [N] at length L [m] and gauge pressure P [Pa], broadcast shape.
 
-        Nan at impossible states, such as a negative length. The derivative there must be 0, so that
-        the derivatives of other states in a batch stay correct.
+        The force is positive if the muscle pulls, and nan at impossible states, such as a negative
+        length. The derivative there must be 0, so that the derivatives of other states in a batch stay
+        correct.
         """
 
     @abc.abstractmethod
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """Shortest and longest active length [m] for the equilibrium search."""
+        """Return the shortest and longest active length [m] for the equilibrium search."""
 
     def stops(self) -> Float[Array, "2"]:
-        """Lengths [m] at which the braid locks and at which its threads are straight.
+        """Return the lengths [m] at which the braid locks and at which its threads are straight.
 
-        For a model without a braid, the ends of `length_range`.
+        For a model without a braid, these are the ends of `length_range`.
         """
         return jnp.stack(self.length_range())
 
     def volume(self, length: Real, pressure: Real) -> RealArray:  # noqa: ARG002
-        """Fluid volume V [m3] at active length L [m] and gauge pressure P [Pa].
+        """Return the fluid volume V [m3] at active length L [m] and gauge pressure P [Pa].
 
         Returns:
             V, broadcast shape; nan at impossible states.
@@ -93,7 +94,10 @@ class AbstractMuscle(Parametrised):
 
     @compiled_method
     def stiffness(self, length: Real, pressure: Real) -> RealArray:
-        """Axial stiffness dF/dL [N/m] at constant pressure, broadcast shape; positive resists."""
+        """Return the axial stiffness dF/dL [N/m] at constant pressure, broadcast shape.
+
+        A positive stiffness resists a change in length.
+        """
         check_one_muscle(self)
         slopes = jax.value_and_grad(self.force)
         force, stiffness = at_each(slopes, as_real(length), as_real(pressure))
@@ -101,11 +105,11 @@ class AbstractMuscle(Parametrised):
 
     @compiled_method
     def blocked_force(self, pressure: Real) -> RealArray:
-        """Blocked force [N], the pull at zero contraction and gauge pressure P [Pa]."""
+        """Return the blocked force [N], at zero contraction and gauge pressure P [Pa]."""
         return self.force(self.rest_length, pressure)
 
     def length_at_load(self, load: Real, pressure: Real, *, throw: bool = True) -> RealArray:
-        """Longest active length L [m] at which the contracting muscle carries a load.
+        """Return the longest active length L [m] at which the contracting muscle carries a load.
 
         Args:
             load: load [N], positive if it stretches the muscle.
@@ -123,18 +127,18 @@ class AbstractMuscle(Parametrised):
         return required(length, found, "equilibrium length") if throw else length
 
     def free_contraction(self, pressure: Real, *, throw: bool = True) -> RealArray:
-        """Free contraction (L0 - L) / L0 [-] at zero force and gauge pressure P [Pa].
+        """Return the free contraction (L0 - L) / L0 [-] at zero force and gauge pressure P [Pa].
 
         Args:
-            pressure: gauge pressure P [Pa]. Below the deadband the muscle rests longer than L0
+            pressure: gauge pressure P [Pa]. Below the deadband, the unloaded muscle is longer than L0
                 and the result is negative.
-            throw: if True, raise an error if the force has no zero; otherwise return nan.
+            throw: if True, raise an error if the force does not cross zero; otherwise return nan.
 
         Returns:
             Contraction [-], a fraction, with the pressure's shape; differentiable.
 
         Raises:
-            RuntimeError: the force has no zero, and `throw` is True.
+            RuntimeError: the force does not cross zero, and `throw` is True.
         """
         length, rest = self.length_at_load(0.0, pressure, throw=throw), self.rest_length
         known = jnp.isfinite(length)
@@ -142,7 +146,7 @@ class AbstractMuscle(Parametrised):
         return jnp.where(known, 1 - jnp.where(known, length, 0.0) / rest, jnp.nan)
 
     def onset_pressure(self, length: Real, highest: Real, *, throw: bool = True) -> RealArray:
-        """Onset: gauge pressure [Pa] at which the force rises from zero at a fixed length.
+        """Return the onset, the gauge pressure [Pa] at which the force rises from zero at a fixed length.
 
         Args:
             length: active length L [m].
@@ -153,7 +157,7 @@ class AbstractMuscle(Parametrised):
             P [Pa], broadcast shape; differentiable with respect to length and every parameter.
 
         Raises:
-            RuntimeError: the force has no zero between 0 and `highest`, and `throw` is True.
+            RuntimeError: the force does not cross zero between 0 and `highest`, and `throw` is True.
         """
         pressure, found = self._onset(length, highest)
         return required(pressure, found, "onset pressure") if throw else pressure
@@ -180,7 +184,7 @@ class AbstractMuscle(Parametrised):
 
 
 def check_one_muscle(*parts: eqx.Module) -> None:
-    """Refuse declared numbers with more axes than their declaration.
+    """Reject declared numbers that have more axes than declared.
 
     Args:
         parts: a muscle, or its components.
@@ -198,11 +202,11 @@ def _check(part: eqx.Module, where: str) -> None:
         value, at = getattr(part, field.name, None), f"{where}.{field.name}"
         count = axes.get(field.name)
         if count is not None and value is not None and jnp.ndim(value) != count:
-            wanted = f"{count} axes" if count else "one number"
+            wanted = f"have {count} axes" if count else "be one number"
             raise ValueError(
-                f"an instance is one muscle: {at} must have {wanted}, got the shape "
-                f"{jnp.shape(value)}. For many muscles, map a function that creates one with "
-                "jax.vmap or equinox.filter_vmap"
+                f"an instance represents one muscle: {at} must {wanted}, got shape "
+                f"{jnp.shape(value)}. For many muscles, apply jax.vmap or equinox.filter_vmap to a "
+                "function that creates one"
             )
         parts = value if isinstance(value, tuple | list) else (value,)
         for i, one in enumerate(parts):
@@ -212,7 +216,7 @@ def _check(part: eqx.Module, where: str) -> None:
 
 @functools.cache
 def _axes(cls: type[eqx.Module]) -> dict[str, int]:
-    """Number of axes of every declared number in a class, from its annotation; 0 by default.
+    """Return the number of axes of each declared number in a class, from its annotation; 0 by default.
 
     Annotations that are strings are not checked.
     """
@@ -250,7 +254,7 @@ def longest_equilibrium(
         load: load [N], shape ().
 
     Returns:
-        (length [m], found); nan and False if the force does not fall through the load.
+        (length [m], found); nan and False if the force does not cross the load.
     """
     force = jax.jit(force)  # traced once for both the search and the solve
     grid = jnp.linspace(longest, shortest, _CELLS + 1)
@@ -289,7 +293,7 @@ def bisected(
     max_steps: int,
     flip: bool = False,
 ) -> RealArray:
-    """Find the root of a residual in a bracket by bisection, differentiable by the implicit theorem.
+    """Find a bracketed root by bisection, differentiable by the implicit function theorem.
 
     Derivatives of any order, forward and reverse, are available with respect to everything that the
     residual depends on. Without a root in the bracket, some point of the bracket is returned with
@@ -328,23 +332,22 @@ def required(length: RealArray, found: Bool[Array, "..."], what: str) -> RealArr
     return eqx.error_if(
         length,
         ~found,
-        f"no {what}: the force does not fall through the load between the longest and the "
-        "shortest length of the muscle. Likely causes: the load exceeds what the muscle pulls at "
-        "that pressure; the pressure is at or below the deadband; a coefficient has the wrong "
-        "sign or unit. Pass throw=False to get nan instead.",
+        f"found no {what}: the force does not cross the load within the range searched. Likely "
+        "causes: the load exceeds the muscle's force at that pressure; the pressure is at or below "
+        "the deadband; a coefficient has the wrong sign or unit. Pass throw=False to get nan instead.",
     )
 
 
 class Muscle(AbstractMuscle):
-    """A fluidic artificial muscle in static equilibrium: the sum of its force terms in a geometry.
+    """A fluidic artificial muscle in static equilibrium: a sum of force terms evaluated in a geometry.
 
-    With a pressurised braid and a bladder this is the force balance
+    With a pressurised braid and a bladder, this is the force balance
 
     F = F_G(P - P_d) + sigma_z V / L - sigma_c t L^2 / (2 pi R N^2)
 
-    The force is not clipped, because root finding and gradients need a smooth function. A real muscle
-    is slack, buckles and does not pull where the force is negative. Below the deadband the formula is
-    an extrapolation. `SafeMuscle`, predictions and exports return no force there.
+    The force is not clipped, because root finding and gradients need a smooth function. Where the force
+    is negative, a real muscle is slack, buckles and does not pull. Below the deadband, the formula is
+    an extrapolation. `SafeMuscle`, predictions and exports return zero force there.
 
     Attributes:
         geometry: source of the dimensions; combines braid and bladder.
@@ -375,7 +378,7 @@ class Muscle(AbstractMuscle):
 
         Args:
             geometry: source of the dimensions.
-            terms: a force term, a sum or a sequence of terms; or the bladder material, short for
+            terms: a force term, a sum or a sequence of terms; or the bladder material, as shorthand for
                 `PressurisedBraid(deadband_pressure) + BladderWall(material)`.
             deadband_pressure: P_d [Pa], allowed only with a material; zero by default.
 
@@ -403,24 +406,24 @@ class Muscle(AbstractMuscle):
         self.terms = SumOfTerms(terms)
 
     def force(self, length: Real, pressure: Real) -> RealArray:
-        """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape.
+        """Return the static force F [N] at length L [m] and gauge pressure P [Pa], broadcast shape.
 
-        Nan at impossible states: at a negative length, beyond the thread length, outside the measured
-        lengths, and where a soft braid gives way.
+        The force is nan at impossible states: at a negative length, beyond the thread length, outside
+        the measured lengths, and where elastic threads would stretch without limit.
         """
         return _pull(self.geometry, self.terms, as_real(length), as_real(pressure))
 
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """Shortest and longest active length [m] for the equilibrium search."""
+        """Return the shortest and longest active length [m] for the equilibrium search."""
         return self.geometry.length_range()
 
     def stops(self) -> Float[Array, "2"]:
-        """Lengths [m] at which the braid, if any, locks and at which its threads are straight."""
+        """Return the lengths [m] at which the braid, if any, locks and its threads are straight."""
         limits, known = jnp.stack(self.geometry.braid_limits()), jnp.stack(self.length_range())
         return jnp.where(jnp.isfinite(limits), limits, known)
 
     def volume(self, length: Real, pressure: Real) -> RealArray:
-        """Fluid volume V [m3], the geometry's `inner_volume`, broadcast shape."""
+        """Return the fluid volume V [m3], the geometry's `inner_volume`, broadcast shape."""
         return self.geometry.inner_volume(length, pressure)
 
     @property
@@ -447,12 +450,12 @@ class Muscle(AbstractMuscle):
         return self._holding("deadband_pressure")[0].deadband_pressure
 
     def braid_force(self, length: Real, pressure: Real) -> RealArray:
-        """Pull [N] of the terms with a deadband pressure, broadcast shape."""
+        """Return the force [N] of the terms with a deadband pressure, broadcast shape."""
         terms = SumOfTerms(self._holding("deadband_pressure"))
         return _pull(self.geometry, terms, as_real(length), as_real(pressure))
 
     def bladder_force(self, length: Real, pressure: Real) -> RealArray:
-        """Pull [N] of the terms with a material, broadcast shape; negative if they resist."""
+        """Return the force [N] of the terms with a material, broadcast shape; negative if they resist."""
         terms = SumOfTerms(self._holding("material"))
         return _pull(self.geometry, terms, as_real(length), as_real(pressure))
 
@@ -461,7 +464,7 @@ class Muscle(AbstractMuscle):
         if not holding:
             kinds = ", ".join(type(term).__name__ for term in self.terms.terms)
             raise AttributeError(
-                f"no term of this muscle has a {field}; its terms are {kinds}. Read the term itself, "
+                f"no term in this muscle has a {field}; its terms are {kinds}. Access the term itself, "
                 "as in muscle.terms.terms[0]"
             )
         return holding
@@ -496,7 +499,7 @@ _ROUNDED_RIG = 64  # rounding allowance in units of eps
 _HIGHEST_COMPLIANCE = 5e-5  # m/N
 
 SEATING_FORCE = 100.0
-"""Reference force [N] of the compliance, at which the deflection does not depend on the exponent."""
+"""Reference force [N] for the compliance, at which the deflection does not depend on the exponent."""
 _LINEAR = 1e-3  # fraction of the reference force below which the deflection is linear
 
 
@@ -505,8 +508,8 @@ def give_way(force: Real, compliance: Real, exponent: Real | None = None) -> Rea
 
     delta = c F s^(n - 1) with s^2 = (F/100 N)^2 + 0.001^2. The deflection is linear for n = 1 and
     otherwise approaches c 100 N (F/100 N)^n, as in contacts that grow under load (Hertz 1882: n = 2/3
-    between spheres, 1/2 between a cone and a plane). Below 0.1 N it is linear for every n, which keeps
-    the stiffness finite. It is odd in the force and smooth everywhere.
+    between spheres, 1/2 between a cone and a plane). Below 0.1 N, it is linear for every n, which keeps
+    the stiffness finite. It is an odd function of the force and is smooth everywhere.
 
     Args:
         force: force [N].
@@ -541,20 +544,20 @@ class MountedMuscle(AbstractMuscle):
     )
 
     def gives_way(self, force: Real) -> RealArray:
-        """Deflection [m] of the mountings under a force [N], broadcast shape."""
+        """Return the deflection [m] of the mountings under a force [N], broadcast shape."""
         return give_way(force, self.compliance, self.exponent)
 
     def with_muscle(self, muscle: AbstractMuscle) -> "MountedMuscle":
-        """Return the same rig with another muscle."""
+        """Return another muscle in the same rig."""
         return MountedMuscle(muscle, self.compliance, self.exponent)
 
     @compiled_method
     def force(self, length: Real, pressure: Real) -> RealArray:
-        """Static pull F [N] at measured length x [m] and gauge pressure P [Pa], broadcast shape.
+        """Return the static force F [N] at measured length x [m] and pressure P [Pa], broadcast shape.
 
-        The force is bisected between zero and the rigid force F_muscle(x, P), for a muscle whose pull
-        falls as it shortens. Differentiable to any order with respect to arguments and parameters by the
-        implicit function theorem; nan if there is no such force.
+        The force is found by bisection between zero and the rigid force F_muscle(x, P), for a muscle whose
+        force falls as it shortens. It is differentiable to any order with respect to arguments and
+        parameters by the implicit function theorem, and nan if there is no such force.
         """
 
         def one(length: RealArray, pressure: RealArray) -> RealArray:
@@ -583,15 +586,15 @@ class MountedMuscle(AbstractMuscle):
         return at_each(one, as_real(length), as_real(pressure))
 
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """Length range [m] of the muscle; without load the mountings do not deflect."""
+        """Return the muscle's length range [m]; without load, the mountings do not deflect."""
         return self.muscle.length_range()
 
     def stops(self) -> Float[Array, "2"]:
-        """Lengths [m] of the muscle's stops."""
+        """Return the lengths [m] of the muscle's stops."""
         return self.muscle.stops()
 
     def volume(self, length: Real, pressure: Real) -> RealArray:
-        """Fluid volume V [m3] at the muscle's length, the measured length minus the deflection."""
+        """Return the fluid volume V [m3] at the muscle's length (measured length minus deflection)."""
         force = self.force(length, pressure)
         known = jnp.isfinite(force)
         own = as_real(length) - self.gives_way(jnp.where(known, force, 0.0))
@@ -612,7 +615,7 @@ class MountedMuscle(AbstractMuscle):
 
 
 class MeanMuscle(AbstractMuscle):
-    """Weighted mean of several models of one muscle, F = sum w_i F_i.
+    """Weighted mean of several models of the same muscle, F = sum w_i F_i.
 
     Attributes:
         members: models with the same rest length.
@@ -642,25 +645,25 @@ class MeanMuscle(AbstractMuscle):
 
     @compiled_method
     def force(self, length: Real, pressure: Real) -> RealArray:
-        """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
+        """Return the static force F [N] at length L [m] and gauge pressure P [Pa], broadcast shape."""
         L, P = jnp.broadcast_arrays(as_real(length), as_real(pressure))
         count = len(self.members)
         forces = of_each(lambda one, L, P: one.force(L, P), self.members, [L] * count, [P] * count)
         return jnp.einsum("i,i...->...", self.weights, forces)
 
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """Shortest and longest active length [m] common to all members."""
+        """Return the shortest and longest active length [m] common to all members."""
         ranges = [one.length_range() for one in self.members]
         shortest, longest = (jnp.stack([one[k] for one in ranges]) for k in (0, 1))
         return jnp.max(shortest), jnp.min(longest)
 
     def stops(self) -> Float[Array, "2"]:
-        """Lengths [m] between the stops of all members."""
+        """Return the ends of the range of lengths [m] that lies between the stops of every member."""
         each = jnp.stack([one.stops() for one in self.members])
         return jnp.stack([jnp.max(each[:, 0]), jnp.min(each[:, 1])])
 
     def volume(self, length: Real, pressure: Real) -> RealArray:
-        """Fluid volume V [m3] of the first member."""
+        """Return the fluid volume V [m3] of the first member."""
         return self.members[0].volume(length, pressure)
 
     @property
@@ -691,9 +694,9 @@ def number_names(mounted: MountedMuscle) -> tuple[str, ...]:
 def cut_to_length(muscle: AbstractMuscle, rest_length: Real) -> AbstractMuscle:
     """Return a muscle with the same construction and another rest length.
 
-    The braid keeps its diameter and angle at rest, so B0 and N scale with L0. Bladder section, rubber
-    and deadband stay the same. Rounded ends keep their dead length l = L0 (1 - 1/k), which does not
-    depend on the length of the muscle.
+    The braid keeps its diameter and angle at rest, so B0 and N scale with L0. The bladder's cross-section,
+    the rubber and the deadband stay the same. Rounded ends keep their dead length l = L0 (1 - 1/k), which
+    does not depend on the length of the muscle.
 
     Args:
         muscle: muscle with an estimated geometry (with or without end effect), an equilibrium shape,
@@ -704,7 +707,7 @@ def cut_to_length(muscle: AbstractMuscle, rest_length: Real) -> AbstractMuscle:
         The new muscle; differentiable in its length.
 
     Raises:
-        ValueError: the shape is measured or assumed for one length.
+        ValueError: the shape was measured or assumed for only one length.
 
     >>> from famjax import Bladder, Braid, EstimatedGeometry, PolynomialMaterial
     >>> braid = Braid.from_rest(diameter=0.01, braid_angle=1.1, length=0.3)

@@ -1,4 +1,4 @@
-"""Declarations of numbers in the classes that hold them: unit, kind, range and scale."""
+"""Declare numbers as fields of classes, with unit, kind, range and scale."""
 
 import dataclasses
 import math
@@ -35,7 +35,7 @@ class WithUnit:
     """Unit and kind of a declared number.
 
     Attributes:
-        unit: SI unit, "" for a pure number; one for each entry of an array with different units.
+        unit: SI unit, "" for a pure number; a tuple of units, one per entry, for an array of mixed units.
     """
 
     unit: str | tuple[str, ...] = ""
@@ -49,9 +49,9 @@ class Declared(WithUnit):
         unit: SI unit, "" for a pure number.
         name: name in options and reports.
         kind: kind of quantity, which determines the units that a user may choose.
-        low, high: sensible range in `unit`; infinite for no limit.
+        low, high: plausible range in `unit`; infinite for no limit.
         scale: magnitude in `unit`, for solvers; None to derive it from range or value.
-        linear: True if the force is affine in all numbers declared so together.
+        linear: True if the force is jointly affine in all numbers declared linear.
     """
 
     name: str | tuple[str, ...] = ""
@@ -62,16 +62,17 @@ class Declared(WithUnit):
     linear: bool = False
 
     def __post_init__(self) -> None:
-        """Refuse an impossible range or scale."""
+        """Reject an impossible range or scale."""
         if not self.low <= self.high:
             raise ValueError(
-                f"the range of a parameter goes from low to high, got {self.low} and {self.high}"
+                "the range of a parameter must satisfy low <= high, got "
+                f"low={self.low} and high={self.high}"
             )
         if self.scale is not None and not 0 < self.scale < math.inf:
-            raise ValueError(f"the scale of a parameter is finite and > 0, got {self.scale}")
+            raise ValueError(f"the scale of a parameter must be finite and > 0, got {self.scale}")
 
     def entry(self, name: str, index: tuple[int, ...]) -> "Declared":
-        """Return the declaration of one entry of an array, with its name."""
+        """Return the declaration of one array entry, with its name."""
         if isinstance(self.unit, str):
             return dataclasses.replace(self, name=name)
         unit = self.unit[index[0]]
@@ -91,21 +92,21 @@ def parameter(
 ) -> Any:
     """Declare a field for a number, or an array of numbers, that can be identified.
 
-    The field is a scalar unless its annotation has axes, as in `Float[Array, " order"]`. Then each entry
-    is a parameter, and its name is `name` formatted with the index of the entry, counted from 1.
+    The field is a scalar unless its annotation has axes, as in `Float[Array, " order"]`. In that case,
+    each entry is a parameter, named by formatting `name` with the index of the entry, counted from 1.
 
     Args:
-        unit: SI unit, such as "Pa", "m", "rad", "N/m"; "" for a pure number; one for each entry of an
-            array with different units.
+        unit: SI unit, such as "Pa", "m", "rad", "N/m"; "" for a pure number; a tuple of units, one per
+            entry, for an array of mixed units.
         kind: kind of quantity. By default "pressure" for Pa, "length" for m, "angle" for rad, "force"
             for N, "compliance" for m/N, "strain compliance" for 1/N, and the unit itself for any other.
             Use `kind="stress"` for a stress or a modulus.
-        low: lower end of the sensible range, in `unit`.
-        high: upper end of the sensible range.
-        scale: magnitude, in `unit`; by default derived from the range or the present value.
-        linear: True if the force is affine in this number and all others declared so.
-        name: name if it differs from the field's; for arrays a pattern such as "E_{}", or one name for
-            each entry.
+        low: lower end of the plausible range, in `unit`.
+        high: upper end of the plausible range.
+        scale: magnitude, in `unit`; by default derived from the range or the current value.
+        linear: True if the force is jointly affine in this number and all others declared linear.
+        name: name, if it differs from the field's; for arrays, a pattern such as "E_{}", or one name per
+            entry.
         default: default of the field; None for an optional number.
 
     Returns:
@@ -147,7 +148,7 @@ def number(unit: str = "", *, default: Any = dataclasses.MISSING) -> Any:
 
 
 def declaration(field: dataclasses.Field[Any]) -> WithUnit | None:
-    """Return the declaration of a field; None if it does not hold a declared number."""
+    """Return the declaration of a field; None if the field is not a declared number."""
     return field.metadata.get(QUANTITY)
 
 
@@ -173,7 +174,7 @@ else:
 
 
 class Parametrised(eqx.Module, metaclass=_Declaring):
-    """A module with declared parameters: its own and those of the modules in its fields.
+    """A module with declared parameters: its own, and those of the modules in its fields.
 
     If two parameters have the same name, the later one is prefixed with its field, as in
     "terms_2.stiffness". A class whose natural parameters are not its fields overrides `parameters`,
@@ -181,7 +182,7 @@ class Parametrised(eqx.Module, metaclass=_Declaring):
     """
 
     def parameters(self) -> dict[str, RealArray]:
-        """Return the present values by name, in the declared units, each of shape ()."""
+        """Return the current values by name, in the declared units, each of shape ()."""
         inside: dict[_Where, dict[str, RealArray]] = {
             where: child.parameters() for where, child in _children(self)
         }
@@ -199,7 +200,7 @@ class Parametrised(eqx.Module, metaclass=_Declaring):
         return {name: place.declared for name, place in _places(self).items()}
 
     def with_parameters(self: _Self, values: Mapping[str, Real]) -> _Self:
-        """Return the module with other values of some parameters; differentiable and traceable.
+        """Return the module with new values for some parameters; differentiable and traceable.
 
         Args:
             values: values by name, in the declared units, each of shape ().
@@ -233,7 +234,7 @@ class Parametrised(eqx.Module, metaclass=_Declaring):
         return module
 
     def parameter_name(self, field: str, index: tuple[int, ...]) -> str:
-        """Return the name of one entry of a declared field, by default from its declaration.
+        """Return the name of one entry in a declared field, by default from its declaration.
 
         Args:
             field: name of the field.
@@ -253,13 +254,14 @@ class Parametrised(eqx.Module, metaclass=_Declaring):
     def template(cls: type[_Self], **fields: Any) -> _Self:
         """Create an instance with every scalar parameter in the middle of its range.
 
-        If a range has no middle, the parameter is one scale inside its only end, or equal to its scale.
+        With only one finite bound, the parameter is one scale inside that bound; with none, it equals its
+        scale.
 
         Args:
-            fields: known fields; fields with neither a default nor a declaration are required.
+            fields: values of fields; required for fields with neither a default nor a declaration.
 
         Raises:
-            ValueError: a field is missing that has no default and is not a scalar parameter.
+            ValueError: a missing field has no default and is not a scalar parameter.
 
         >>> from famjax.materials import NeoHookeanMaterial
         >>> NeoHookeanMaterial.template().parameters().keys()
@@ -304,7 +306,7 @@ def _described(part: eqx.Module) -> list[str]:
 
 
 def _middle(declared: Declared) -> float:
-    """Return the middle of a range, or a value one scale from its only end, or the scale."""
+    """Return the middle of a range, or a value one scale inside its only finite bound, or the scale."""
     scale = 1.0 if declared.scale is None else declared.scale
     low, high = declared.low, declared.high
     if math.isinf(high):
@@ -326,8 +328,8 @@ def checked_values(module: Parametrised, values: Mapping[str, Real]) -> dict[str
             )
         if jnp.ndim(value) != 0:
             raise ValueError(
-                f"a parameter is one number; got the shape {jnp.shape(value)} for {name!r}. For many "
-                "muscles, map a function that creates one with jax.vmap"
+                f"a parameter must be one number; got shape {jnp.shape(value)} for {name!r}. For many "
+                "muscles, apply jax.vmap to a function that creates one"
             )
     return {name: as_number(value) for name, value in values.items()}
 
@@ -394,13 +396,13 @@ _Model = TypeVar("_Model", bound=Parametrised)
 class Apart(eqx.Module, Generic[_Model]):
     """The scaled and bounded free parameters of a model, and the model itself.
 
-    A parameter with two finite bounds is scaled to 0 at the lower and 1 at the upper one. Any other
-    parameter is divided by its scale.
+    A parameter with two finite bounds is scaled to 0 at the lower bound and 1 at the upper bound. Any
+    other parameter is divided by its scale.
 
     Attributes:
         whole: the model; its other parameters do not change.
         names: names of the free parameters.
-        scaled: scaled present values, shape (free,).
+        scaled: scaled current values, shape (free,).
         low, high: scaled bounds, shape (free,); infinite for no bound.
         offset, scale: value = offset + scale * scaled, in the declared units, shape (free,).
     """
@@ -415,7 +417,7 @@ class Apart(eqx.Module, Generic[_Model]):
 
     @property
     def si(self) -> Float[Array, " free"]:
-        """Present values in the declared units."""
+        """Current values in the declared units."""
         return self.offset + self.scale * self.scaled
 
     def values(self, scaled: Real) -> dict[str, RealArray]:
@@ -434,7 +436,7 @@ class Apart(eqx.Module, Generic[_Model]):
     def scaled_from_unbounded(self, z: Real) -> Float[Array, " free"]:
         """Map R^n to the box, smoothly and one to one: scaled parameters strictly within their bounds.
 
-        The map is a logistic curve between two bounds, softplus for one bound, and z itself without
+        The map is a logistic curve between two bounds, softplus for one bound, and the identity without
         bounds.
         """
         z = as_real(z)
@@ -444,17 +446,17 @@ class Apart(eqx.Module, Generic[_Model]):
 
     @property
     def unbounded(self) -> Float[Array, " free"]:
-        """The z of the present values: the inverse of `scaled_from_unbounded`.
+        """The z of the current values: the inverse of `scaled_from_unbounded`.
 
         Raises:
-            ValueError: a present value is not strictly within its bounds.
+            ValueError: a current value is not strictly within its bounds.
         """
         inside = (self.scaled > self.low) & (self.scaled < self.high)
         if not isinstance(inside, Tracer) and not np.all(inside):
             outside = [n for n, one in zip(self.names, np.asarray(inside), strict=True) if not one]
             raise ValueError(
-                f"{', '.join(outside)}: no point of R^n corresponds to a value at or beyond its bounds. "
-                "Start strictly within them, or choose other bounds"
+                f"{', '.join(outside)}: no point in R^n corresponds to a value at or beyond its bounds. "
+                "Start strictly within the bounds, or choose other bounds"
             )
         lower, upper, low, high = self._ends
         share = jnp.where(lower & upper, self.scaled, 0.5)
@@ -476,7 +478,7 @@ def take_apart(
     *,
     bounds: Mapping[str, tuple[float, float]] | None = None,
 ) -> Apart[_Model]:
-    """Split a model into a vector of free parameters of order one, with bounds, and the rest.
+    """Split a model into a vector of free parameters, scaled to order one and bounded, and the rest.
 
     Args:
         model: a muscle, or any other module with declared parameters.
@@ -504,14 +506,14 @@ def take_apart(
                 f"{type(model).__name__} has no parameter {name!r}; it has {', '.join(known)}"
             )
     if len(set(names)) < len(names):
-        raise ValueError(f"each free parameter is named once, got {', '.join(names)}")
+        raise ValueError(f"each free parameter must be named only once, got {', '.join(names)}")
     for name, (low, high) in given.items():
         if name not in names:
             raise ValueError(f"bounds apply only to free parameters; {name!r} is not free")
         if not low < high:
             raise ValueError(
                 f"the lower bound of {name!r} must be below the upper one, got {low} and {high}. "
-                "To hold a parameter, omit it from `free`"
+                "To fix a parameter, omit it from `free`"
             )
     at = jnp.stack([values[name] for name in names]) if names else jnp.zeros(0)
     ends = [given.get(name, (known[name].low, known[name].high)) for name in names]
@@ -532,7 +534,7 @@ def take_apart(
 
 
 def _scale(declared: Declared, value: RealArray) -> RealArray:
-    """Return the declared scale, or else the magnitude of the present value, or 1 if it is zero."""
+    """Return the declared scale, or else the magnitude of the current value, or 1 if it is zero."""
     if declared.scale is not None:
         return jnp.asarray(declared.scale, value.dtype)
     size = jax.lax.stop_gradient(jnp.abs(value))

@@ -1,4 +1,4 @@
-"""Plans of `famjax simulate`: circuit and friction of a plant, read from a TOML file."""
+"""Plans for `famjax simulate`: a plant's circuit and friction, read from a TOML file."""
 
 import dataclasses
 from pathlib import Path
@@ -14,21 +14,23 @@ _UNITS = {"Pa": "pressure", "s": "time", "m": "length", "N": "force", "m3": "vol
 
 
 def read_plan(plan: Path) -> dict[str, Any]:
-    """Read the tables of a plan.
+    """Read the tables in a plan.
 
     Raises:
         InputError: the file is missing, is not valid TOML, or has an unknown table.
     """
     tables = read_toml(plan, "plan")
     if unknown := tables.keys() - set(_TABLES):
-        raise InputError(f"{plan}: unknown table {min(unknown)!r}; known are {', '.join(_TABLES)}")
+        raise InputError(
+            f"{plan}: unknown table {min(unknown)!r}; known tables are {', '.join(_TABLES)}"
+        )
     return tables
 
 
 def read_plant(plan: Path, muscle: SafeMuscle) -> plant.Plant:
-    """Build a plant of prescribed length from a muscle and a plan's circuit and friction.
+    """Build a plant with a prescribed muscle length from a muscle and a plan's circuit and friction.
 
-    Ignores the tables [load] and [[step]].
+    The tables [load] and [[step]] are ignored.
 
     Raises:
         InputError: see `read_plan`, or a table is invalid.
@@ -49,14 +51,14 @@ def circuit_of(tables: dict[str, Any], plan: Path) -> plant.AbstractCircuit:
 
 
 def friction_of(tables: dict[str, Any], plan: Path, muscle: SafeMuscle) -> Any:
-    """Build the friction from the table [friction], or else from the muscle's hysteresis."""
+    """Build the friction from the table [friction]; without it, return the muscle's hysteresis."""
     if "friction" in tables:
         return _with_numbers(plant.DahlFriction(), tables["friction"], f"{plan}: [friction]: ")
     return muscle.hysteresis
 
 
 def _with_numbers(part: Any, entries: dict[str, Any], where: str) -> Any:
-    """Override the parameters of a component by table entries with units in their keys, or in SI."""
+    """Override a component's parameters with table entries, in SI or in the unit given in each key."""
     declared = part.declared()
     kinds = {name: _UNITS[one.unit] for name, one in declared.items() if one.unit in _UNITS}
     table = dataclasses.make_dataclass("table", [(n, float | None, None) for n in declared])

@@ -1,11 +1,11 @@
 """Dynamics: fluid circuits, friction, loads and a pressure controller.
 
-A circuit is a lumped volume at one pressure. A step advances the fluid in it and the momentum of the load:
+A circuit is a lumped volume at one pressure. A step advances its fluid and the momentum of the load:
 
     d/dt [(V(L, P) + V_dead) w(P)] = Q(P) w(P),    I dv/dt = sum r F - k (q - q_0) - c v + W
 
 Here w is the density of the fluid relative to that at the beginning of the step. Fluid is conserved to
-rounding, and no derivative of the volume is needed.
+within rounding, and no derivative of the volume is needed.
 """
 
 import abc
@@ -47,7 +47,7 @@ def choked_share(drop: Real, critical_ratio: Real) -> RealArray:
 
         psi = 1 up to the critical ratio b of r = p_2/p_1, sqrt(1 - ((r - b)/(1 - b))^2) above it
 
-    Above r = 0.95 the slope of the ellipse is unbounded. There psi is the odd cubic in the drop 1 - r
+    Above r = 0.95, the slope of the ellipse is unbounded. There, psi is the odd cubic in the drop 1 - r
     with the same value and slope at 0.95. It is 10 % below the ellipse at r = 0.97, and 45 % at 0.99.
 
     Args:
@@ -74,7 +74,7 @@ def choked_share(drop: Real, critical_ratio: Real) -> RealArray:
 
 
 class AbstractCircuit(Parametrised):
-    """A fluid supply of a muscle: an actuator with a lag, a dump valve and a dead volume.
+    """A muscle's fluid supply: an actuator with a lag, a dump valve and a dead volume.
 
     Attributes:
         lag: time constant [s] of the actuator.
@@ -87,7 +87,7 @@ class AbstractCircuit(Parametrised):
     dead_volume: eqx.AbstractVar[RealArray]
 
     def __check_init__(self) -> None:
-        """Refuse numbers that are infinite, nan or below their range."""
+        """Reject numbers that are infinite, nan or below their range."""
         for field in dataclasses.fields(self):
             value, spec = getattr(self, field.name), field.metadata.get("quantity")
             if not isinstance(spec, Declared) or value is None or isinstance(value, Tracer):
@@ -114,24 +114,24 @@ class AbstractCircuit(Parametrised):
 
     @abc.abstractmethod
     def density(self, pressure: Real, reference: Real) -> RealArray:
-        """Return the density of the fluid at a gauge pressure [Pa] divided by that at another."""
+        """Return the fluid's density at one gauge pressure [Pa], divided by that at another."""
 
     def pressure(self, root: RealArray) -> RealArray:
-        """Return the gauge pressure [Pa] for a value of the unknown of a step."""
+        """Return the gauge pressure [Pa] for a value of the step's unknown."""
         return root
 
     def root(self, pressure: Real) -> RealArray:
-        """Return the unknown of a step for a gauge pressure [Pa]: the inverse of `pressure`."""
+        """Return the step's unknown for a gauge pressure [Pa]: the inverse of `pressure`."""
         return as_real(pressure)
 
 
 class PneumaticCircuit(AbstractCircuit):
-    """Air through a 5/3 proportional valve, which fills above the bias, vents below it and leaks at it.
+    """Air supply with a 5/3 proportional valve that fills above the bias, vents below it and leaks at it.
 
         Q = p_N C p_1 psi(p_2/p_1)/p from the supply and to the atmosphere, either way; p V^n constant
 
-    The gas temperature enters only through the polytropic exponent n. Resistance and waves of the hose
-    are neglected, and so are dynamics of the valve other than a lag.
+    The gas temperature enters only through the polytropic exponent n. Hose resistance and pressure waves
+    are neglected, as are valve dynamics other than a lag.
 
     Attributes:
         supply: gauge pressure [Pa] (Chambers 2021, section 3.2: 115 psi).
@@ -139,7 +139,7 @@ class PneumaticCircuit(AbstractCircuit):
             minute from 6 to 5 bar gauge.
         critical_ratio: b [-]; ASSUMED.
         bias: signal at which the valve is closed (2.5 V of 0 to 5 V, chapter 3).
-        dead_band: change of the signal on either side of the bias that has no effect; ASSUMED.
+        dead_band: signal change on either side of the bias that has no effect; ASSUMED.
         leak: fraction of C that is always open to supply and atmosphere; ASSUMED.
         lag: time constant [s] of the spool; ASSUMED.
         exponent: polytropic n [-], between isothermal 1 and adiabatic 1.4; ASSUMED.
@@ -191,25 +191,25 @@ class PneumaticCircuit(AbstractCircuit):
 
 
 class HydraulicCircuit(AbstractCircuit):
-    """Water from a gear pump that leaves through a needle valve: the pump speed sets flow and pressure.
+    """Water supply with a gear pump and a needle valve outlet: pump speed sets flow and pressure.
 
         Q = D w - K u - G P_c log(1 + exp((P - P_r)/P_c)),    P = u sqrt(u^2 + P_l)
 
-    Well above P_l = 20 Pa, u is the square root of P, within 0.1 % at 5 kPa. Below it, u is linear in P,
-    as in laminar flow. The relief valve opens over a range of P_c = 1 kPa about P_r, and passes
-    G (P - P_r) well above it. Inertia of the water, leakage in the pump and the pressure in the return
-    line are neglected. Water cannot flow back through the pump.
+    Well above P_l = 20 Pa, u is the square root of P, within 0.1 % at 5 kPa. Below P_l, u is linear in P,
+    as in laminar flow. The relief valve opens gradually over a range of P_c = 1 kPa about P_r, and passes
+    G (P - P_r) well above it. Water inertia, pump leakage and the pressure in the return line are
+    neglected. Water cannot flow back through the pump.
 
     Attributes:
         displacement: D [m3/rev] of the pump; ASSUMED.
-        full_speed: speed [rev/s] at the full signal (chapter 3: 5000 rpm).
+        full_speed: pump speed [rev/s] at full signal (chapter 3: 5000 rpm).
         lag: time constant [s] of the pump; ASSUMED.
-        needle: K [m3/(s Pa^0.5)]; 0 for a blocked needle. ASSUMED: 80 % of full speed holds 100 psi.
+        needle: K [m3/(s Pa^0.5)]; 0 for a closed needle valve. ASSUMED: 80 % of full speed holds 100 psi.
         bulk_modulus: beta [Pa] of water, hose and bladder with some air; ASSUMED.
         dead_volume: volume [m3] of hose and fittings; ASSUMED.
         relief: gauge pressure [Pa] at which the relief valve opens (chapter 3: 110 psi); None without a
-            relief valve. Software does not replace it.
-        relief_conductance: flow of the relief valve per excess pressure [m3/(s Pa)]; ASSUMED.
+            relief valve. A software limit does not replace it.
+        relief_conductance: relief valve flow per unit of excess pressure [m3/(s Pa)]; ASSUMED.
         dump: K [m3/(s Pa^0.5)] of the open dump valve; 0 without one; ASSUMED.
         dump_lag: time constant [s] of the dump valve; ASSUMED.
     """
@@ -228,7 +228,7 @@ class HydraulicCircuit(AbstractCircuit):
     dump_lag: Float[Given, ""] = parameter("s", low=1e-4, high=0.5, default=0.015)
 
     def opening(self, signal: Real) -> RealArray:
-        """Return the final speed of the pump, as a fraction of its full speed."""
+        """Return the final pump speed, as a fraction of full speed."""
         return as_real(signal)
 
     def flow(self, pressure: Real, opening: Real, dump: Real) -> RealArray:
@@ -265,9 +265,9 @@ class DahlFriction(Parametrised):
     """Dahl's friction: F_f = (F_c + f |F|) z,  dz/dL = (sign(dL) - z)/travel.
 
     Attributes:
-        share: f [-], friction per pull; ASSUMED if not measured.
-        dry: F_c [N], friction at zero pull.
-        travel: motion [m] over which the friction reverses; ASSUMED.
+        share: f [-], friction as a fraction of the force; ASSUMED if not measured.
+        dry: F_c [N], friction at zero force.
+        travel: travel [m] over which the friction reverses; ASSUMED.
 
     References:
         Dahl 1968, A solid friction model, Aerospace Corporation TOR-0158(3107-18)-1.
@@ -295,7 +295,7 @@ class DahlFriction(Parametrised):
         pressure: Real,  # noqa: ARG002
         force: Real,
     ) -> RealArray:
-        """Return F_f [N] at the static pull [N]; positive after lengthening."""
+        """Return F_f [N] at a static force [N]; positive after lengthening."""
         return (self.dry + self.share * jnp.abs(force)) * state[1]
 
 
@@ -321,7 +321,7 @@ class MovingLoad(Parametrised):
 
     Attributes:
         inertia: I [kg], or [kg m2] for a joint.
-        radius: r of each muscle, or moment arm [m] in a joint; positive if the pull raises q, shape (n,).
+        radius: r of each muscle, or moment arm [m] in a joint; positive if a pull raises q, shape (n,).
         middle: M, active length [m] of each muscle at q = 0, shape (n,).
         stiffness: spring stiffness k [N/m], or [N m/rad].
         relaxed: q_0, position of the relaxed spring.
@@ -344,7 +344,7 @@ class MovingLoad(Parametrised):
         cls, mass: Real, *, gravity: Real = 9.80665, stiffness: Real = 0.0, relaxed: Real = 0.0,
         damping: Real = 0.0,
     ) -> "MovingLoad":  # fmt: skip
-        """Create a mass [kg] that hangs on one muscle, with a spring relaxed at a muscle length [m]."""
+        """Create a mass [kg] that hangs from one muscle, with a spring relaxed at a muscle length [m]."""
         weight = as_real(mass) * gravity
         return cls(mass, [-1.0], [0.0], stiffness, relaxed, damping, weight)
 
@@ -358,17 +358,17 @@ class MovingLoad(Parametrised):
         stiffness: Real = 0.0,
         damping: Real = 0.0,
     ) -> "MovingLoad":
-        """Create a joint with two muscles over pulleys of radii [m] > 0 and < 0; lengths [m] at angle 0."""
+        """Create a joint with two muscles on pulleys with radii [m] > 0 and < 0; lengths [m] at angle 0."""
         return cls(inertia, radii, lengths, stiffness, 0.0, damping)
 
     def lengths(self, position: RealArray) -> Float[Array, " n"]:
-        """Active length L [m] of each muscle."""
+        """Return the active length L [m] of each muscle."""
         return self.middle - self.radius * position
 
     def acceleration(
         self, position: RealArray, velocity: RealArray, pulls: Float[Array, " n"], drive: RealArray
     ) -> RealArray:
-        """Return dv/dt [m/s2], or [rad/s2], for pulls [N] and an external force [N] or torque [N m]."""
+        """Return dv/dt [m/s2] or [rad/s2] for muscle forces [N] and external force [N] or torque [N m]."""
         spring = self.stiffness * (position - self.relaxed) + self.damping * velocity
         return (jnp.sum(self.radius * pulls) - spring + self.weight + drive) / self.inertia
 
@@ -380,8 +380,8 @@ class Command(eqx.Module):
     """Commands during one step, or during n steps along a leading axis.
 
     Attributes:
-        signal: signal of valve or pump, 0 to 1; shape (2,) for two muscles. For a `Regulated` plant, the
-            set pressure [Pa].
+        signal: signal to the valve or pump, 0 to 1; shape (2,) for two muscles. For a `Regulated` plant,
+            the set pressure [Pa].
         dump: 1 opens the dump valve, 0 closes it; same shape as the signal.
         drive: rate dL/dt [m/s] of a `DrivenLength`; external force [N] or torque [N m] on a `MovingLoad`.
     """
@@ -400,8 +400,8 @@ class PlantState(eqx.Module):
         dump: opening of the dump valve, 0 to 1.
         position: q; the active length L [m] except in a joint.
         velocity: dq/dt.
-        force: pull [N] of each muscle, including friction.
-        memory: states of the friction.
+        force: force [N] of each muscle, including friction.
+        memory: friction states.
     """
 
     pressure: RealArray
@@ -414,21 +414,21 @@ class PlantState(eqx.Module):
 
 
 class Plant(Parametrised):
-    """One muscle with circuit and load, or two muscles that turn a joint.
+    """One muscle with its circuit and load, or two muscles that turn a joint.
 
-    A step is a two-stage diagonally implicit rule in fluid and momentum, of second order and L-stable
+    Each step applies a two-stage diagonally implicit rule to fluid and momentum, second-order and L-stable
     (Alexander 1977). Lags and driven lengths are exact. The signal is constant during a step. With steps
-    of 2 ms the pressure is within 0.005 psi RMS of an adaptive solution. The error is up to 0.05 psi
+    of 2 ms, the pressure is within 0.005 psi RMS of an adaptive solution. The error is up to 0.05 psi
     when dumped water reaches zero pressure, and 0.1 psi in a tick in which a relief valve closes.
     The pressure drop between circuit and muscle and the mass of the muscle are neglected.
 
     Attributes:
-        circuit: circuit of the muscle; a tuple of two for a joint.
+        circuit: the muscle's circuit; a tuple of two for a joint.
         muscle: muscle with `force(length, pressure)` and `volume(length, pressure)`; a tuple of two.
         load: `DrivenLength` or `MovingLoad`.
-        friction: `DahlFriction`, or a `famjax.slip.MaxwellSlip` or `CentredSlip`, whose share of the
-            volume is neglected, or None; a tuple of two.
-        viscosity: loss [N s/m] proportional to dL/dt.
+        friction: `DahlFriction`; a `famjax.slip.MaxwellSlip` or `CentredSlip`, whose contribution to the
+            volume is neglected; or None. A tuple of two for a joint.
+        viscosity: viscous coefficient [N s/m], force per unit of dL/dt.
 
     References:
         Alexander 1977, SIAM Journal on Numerical Analysis 14(6), 1006-1021: the rule.
@@ -446,13 +446,13 @@ class Plant(Parametrised):
     viscosity: Float[Given, ""] = parameter("N s/m", low=0.0, high=1e5, default=0.0)
 
     def __check_init__(self) -> None:
-        """Refuse parts that do not match."""
+        """Reject parts that do not match."""
         n = len(self._each(self.muscle))
         arms = self.load.radius.size if self.load.moves else 1
         if {len(self._each(self.circuit)), len(self._frictions), arms} != {n}:
             raise InputError(
-                "a plant has a circuit, a moment arm and a friction or None for each muscle; two muscles "
-                f"need a MovingLoad.joint. Got {n} muscles and {arms} moment arms"
+                "a plant needs one circuit, one moment arm and one friction (or None) per muscle; two "
+                f"muscles need a MovingLoad.joint. Got {n} muscles and {arms} moment arms"
             )
 
     @staticmethod
@@ -466,14 +466,14 @@ class Plant(Parametrised):
         return self._each(self.friction)
 
     def start(self, position: Real | None = None, pressure: Real = 0.0) -> PlantState:
-        """Return the state at rest, with valves and pump at rest.
+        """Return the initial state, with load, valves and pump at rest.
 
         Args:
             position: q; by default the rest length of one muscle, or the angle 0.
             pressure: gauge pressure [Pa] of each muscle.
 
         Raises:
-            InputError: the muscle holds no fluid there.
+            InputError: the muscle holds no fluid at this position.
         """
         single = not isinstance(self.muscle, tuple)
         shape = () if single else (len(self.muscle),)
@@ -486,7 +486,7 @@ class Plant(Parametrised):
         if not isinstance(fluid, Tracer) and not bool(jnp.all(fluid > 0)):
             raise InputError(
                 f"the muscle must hold fluid where the plant starts, at {lengths} m and {pressures} Pa; "
-                f"with its hose it holds {fluid} m3: give a length within its range, or another muscle"
+                f"with its hose, it holds {fluid} m3. Use a length within its range, or another muscle"
             )
         memory = tuple(
             None if one is None else one.start(L, own)
@@ -503,7 +503,7 @@ class Plant(Parametrised):
         actuators = self.actuators(state, command)
 
         def stage(time: Real, fluid: RealArray, q: RealArray, v: RealArray, guess: RealArray):
-            """Solve a stage, given the explicit parts of fluid, q and v."""
+            """Solve one stage, given the explicit parts of fluid, q and v."""
             openings, dumps = actuators(time)
 
             def at(z: RealArray) -> tuple[RealArray, RealArray, RealArray]:
@@ -541,14 +541,14 @@ class Plant(Parametrised):
         return PlantState(P.reshape(shape), openings, dumps, q, v, force, memory)
 
     def actuators(self, state: PlantState, command: Command) -> Callable[[Real], Any]:
-        """Return the positions of actuators and dump valves under a constant command, with their lags.
+        """Return a function for the lagged positions of actuators and dump valves at a constant command.
 
         Args:
             state: initial state.
             command: command of valves or pumps and of dump valves.
 
         Returns:
-            A function of the time [s] since the state; it returns both positions [-], shapes (n,).
+            A function of the time [s] since the initial state; it returns both positions [-], shapes (n,).
         """
         circuits, shape = self._each(self.circuit), state.pressure.shape
         signals, wanted = (
@@ -581,10 +581,10 @@ class Plant(Parametrised):
         return -self.load.radius * speed if self.load.moves else speed[None]
 
     def moved(self, memory: Sequence[Any], lengths: RealArray, pressures: RealArray) -> tuple:
-        """Return the states of the friction after a monotone motion.
+        """Return the friction states after a monotone motion.
 
         Args:
-            memory: states before the motion, one for each muscle.
+            memory: friction states before the motion, one for each muscle.
             lengths: active lengths L [m] after the motion, shape (n,).
             pressures: gauge pressures P [Pa] after the motion, shape (n,).
         """
@@ -594,10 +594,10 @@ class Plant(Parametrised):
     def pulls(
         self, memory: Sequence[Any], lengths: RealArray, pressures: RealArray, rates: RealArray
     ) -> RealArray:
-        """Return the pull [N] of each muscle with friction and viscous loss, shape (n,).
+        """Return the force [N] of each muscle, including friction and viscous loss, shape (n,).
 
         Args:
-            memory: states of the friction, one for each muscle.
+            memory: friction states, one for each muscle.
             lengths: active lengths L [m], shape (n,).
             pressures: gauge pressures P [Pa], shape (n,).
             rates: dL/dt [m/s], shape (n,).
@@ -611,11 +611,11 @@ class Plant(Parametrised):
 
 
 def newton(residual: Callable[[RealArray], RealArray], guess: RealArray) -> RealArray:
-    """Solve a few equations by Newton's method, with implicit derivatives of any order.
+    """Solve a small system of equations by Newton's method, with implicit derivatives of any order.
 
     Args:
         residual: r(z), shape (n,).
-        guess: start of the search, shape (n,).
+        guess: starting point, shape (n,).
 
     Returns:
         z, with an error of the order of the last step squared.
@@ -647,7 +647,7 @@ def newton(residual: Callable[[RealArray], RealArray], guess: RealArray) -> Real
 
 
 def linear_solve(matrix: Float[Array, "n n"], value: Float[Array, " n"]) -> Float[Array, " n"]:
-    """Solve A x = b for a few unknowns by elimination without pivots, which avoids a call of LAPACK."""
+    """Solve A x = b for a few unknowns by elimination without pivoting, which avoids a LAPACK call."""
     n = value.size
     A, b = [[matrix[i, j] for j in range(n)] for i in range(n)], [value[i] for i in range(n)]
     for k in range(n):
@@ -661,7 +661,7 @@ def linear_solve(matrix: Float[Array, "n n"], value: Float[Array, " n"]) -> Floa
 
 
 def simulate(plant: Any, commands: Command, dt: Real, *, start: Any = None) -> Any:
-    """Return the states at the ends of n steps, by `jax.lax.scan`.
+    """Return the state after each of n steps, computed with `jax.lax.scan`.
 
     Args:
         plant: a `Plant` or a `Regulated` plant.
@@ -680,7 +680,8 @@ def simulate(plant: Any, commands: Command, dt: Real, *, start: Any = None) -> A
     counts = {leaf.shape[0] for leaf in leaves if leaf.ndim}
     if len(counts) != 1:
         raise InputError(
-            f"commands need one value for each step, as many in signal, dump and drive; got {counts}"
+            "commands need one value per step, with the same count in signal, dump and drive; got "
+            f"{counts}"
         )
     return _simulated(plant, commands, as_real(dt), plant.start() if start is None else start)
 
@@ -704,8 +705,8 @@ def _simulated(plant: Any, commands: Command, dt: RealArray, start: Any) -> Any:
 class SteppedPlant:
     """A plant with one driven muscle, advanced tick by tick in plain numbers for a simulated device.
 
-    A tick is one compiled program of two small arrays, shared by all plants of one structure. It takes
-    a quarter of the time of `Plant.step`.
+    A tick runs one compiled program on two small arrays, shared by all plants with the same structure.
+    It takes a quarter of the time of `Plant.step`.
 
     Args:
         plant: plant with a `DrivenLength`.
@@ -713,7 +714,7 @@ class SteppedPlant:
 
     Attributes:
         pressure: gauge pressure P [Pa] in the muscle.
-        force: pull [N], including friction.
+        force: force [N], including friction.
         length: active length L [m].
     """
 
@@ -728,7 +729,7 @@ class SteppedPlant:
         self._numbers = ravel_pytree(arrays)[0]
 
     def step(self, signal: float, dump: float | bool, length: float) -> None:
-        """Advance by one tick, during which the machine moves the muscle to a length [m]."""
+        """Advance by one tick, in which the machine moves the muscle to a length [m]."""
         drive = (length - self.length) / self.dt
         row = [self.dt, signal, dump, drive, self.length, self.pressure, *self._rest]
         self.length = length
@@ -739,7 +740,7 @@ class SteppedPlant:
 
 @functools.lru_cache(maxsize=16)
 def _tick(structure: Any, shapes: tuple[tuple[int, ...], ...], static: Any) -> Callable[..., Array]:
-    """Return the program of a tick for plants of one structure."""
+    """Return the compiled tick for plants with the same structure."""
     ends = np.cumsum([math.prod(shape) for shape in shapes])
 
     def tick(numbers: RealArray, row: RealArray) -> RealArray:
@@ -760,16 +761,16 @@ def _tick(structure: Any, shapes: tuple[tuple[int, ...], ...], static: Any) -> C
 def solve_adaptively(
     plant: Plant, state: PlantState, command: Command, times: Real, *, tolerance: float = 1e-9
 ) -> PlantState:
-    """Return the states at given times under a constant command, by an implicit rule of fifth order.
+    """Return the states at given times under a constant command, by a fifth-order implicit method.
 
-    The motion must be monotone. Requires diffrax, the extra `dynamics`.
+    The motion must be monotone. Requires diffrax, from the extra `dynamics`.
 
     Args:
         plant: the plant.
         state: state at time 0.
         command: constant command.
         times: increasing times [s], shape (n,).
-        tolerance: tolerance of each step, relative, and relative to 1 bar, 1 m and 1 m/s.
+        tolerance: relative tolerance of each step, and absolute tolerance in bar, m and m/s.
 
     Returns:
         The states, each leaf with a leading axis (n,).
@@ -821,8 +822,8 @@ class ControllerState(eqx.Module):
 
     Attributes:
         integral: I, as a fraction of the full output.
-        total: sum of the errors [Pa] over the ticks of the present record.
-        phase: number of ticks that have passed in the present record.
+        total: sum of the errors [Pa] over the ticks in the current record.
+        phase: number of ticks completed in the current record.
     """
 
     integral: RealArray
@@ -831,10 +832,10 @@ class ControllerState(eqx.Module):
 
 
 class PressureController(Parametrised):
-    """The PI controller of the firmware, with feed-forward: u = v(P) + K_p e + I, dI/dt = K_i e.
+    """The firmware's PI controller, with feed-forward: u = v(P) + K_p e + I, dI/dt = K_i e.
 
     The integral is advanced at the end of each record. Quantisation of converter and output is
-    neglected, and so is the limit of 256 psi on the error.
+    neglected, as is the 256 psi limit on the error.
 
     Attributes:
         proportional: K_p [1/Pa], as a fraction of the full output.
@@ -912,7 +913,7 @@ class Regulated(Parametrised):
         return RegulatedState(at, self.controller.start(), jnp.zeros_like(at.pressure))
 
     def step(self, state: RegulatedState, command: Command, dt: Real) -> RegulatedState:
-        """Advance the plant under the present output, then the controller by one tick."""
+        """Advance the plant under the current output, then the controller by one tick."""
         own = Command(state.signal, command.dump, command.drive)
         after = self.plant.step(state.plant, own, dt)
         controller, signal = self.controller.step(
@@ -929,8 +930,8 @@ class LinearMcKibben(AbstractMuscle):
 
         V = (B^2 L - L^3)/(4 pi N^2) - V_solid,  F = max(P - P_d, 0)(3 L^2 - B^2)/(4 pi N^2) - k (L0 - L)
 
-    The defaults describe the reference work's 7/8 in muscle. Stiffness and deadband were chosen to
-    agree with its printed blocked force within 5 %, and with its free contraction from 40 psi within 0.03.
+    The defaults describe the reference work's 7/8 in muscle. Stiffness and deadband were chosen to match
+    its published blocked force within 5 %, and its free contraction at 40 psi and above within 0.03.
 
     Attributes:
         rest_length: L0 [m].
@@ -952,18 +953,18 @@ class LinearMcKibben(AbstractMuscle):
     deadband_pressure: Float[Given, ""] = parameter("Pa", low=0.0, default=3.3 * PSI)
 
     def force(self, length: Real, pressure: Real) -> RealArray:
-        """Static pull F [N], broadcast shape."""
+        """Return the static force F [N], broadcast shape."""
         area = (3 * as_real(length) ** 2 - self.thread_length**2) / self._four
         spring = self.bladder_stiffness * (self.rest_length - length)
         return jnp.maximum(pressure - self.deadband_pressure, 0.0) * area - spring
 
     def volume(self, length: Real, pressure: Real) -> RealArray:
-        """Fluid volume V [m3], broadcast shape."""
+        """Return the fluid volume V [m3], broadcast shape."""
         L = as_real(length) + jnp.zeros_like(as_real(pressure))
         return (self.thread_length**2 * L - L**3) / self._four - self.solid_volume
 
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """From just below the neutral length to 2 % above L0, or halfway to the thread length."""
+        """Return lengths [m] from just below neutral to 2 % above L0, or halfway to B if that is less."""
         longest = (self.rest_length + self.thread_length) / 2
         neutral = self.thread_length / math.sqrt(3)
         return 0.95 * neutral, jnp.minimum(1.02 * self.rest_length, longest)

@@ -1,4 +1,4 @@
-"""Profiles of a muscle: diameter against the position along the active length."""
+"""Muscle profiles: diameter as a function of position along the active length."""
 
 import abc
 
@@ -15,7 +15,7 @@ class AbstractProfile(Parametrised):
 
     @abc.abstractmethod
     def diameter(self, x: Real, length: Real) -> RealArray:
-        """Braid diameter D [m] at position x [-] of active length L [m], broadcast shape."""
+        """Return the braid diameter D [m] at position x [-] along active length L [m], broadcast shape."""
 
 
 class FourierProfile(AbstractProfile):
@@ -29,10 +29,10 @@ class FourierProfile(AbstractProfile):
         a0: constant term [m].
         a: a_n [m], shape (terms,).
         b: b_n [m], shape (terms,).
-        w: wave number [-], any real number; with 2 pi the profile is periodic in the length.
+        w: wave number [-], any real number; with 2 pi, the profile is periodic over the length.
 
     Raises:
-        ValueError: `a` and `b` differ in shape. Whether the diameter is positive is checked by `Meridian`.
+        ValueError: `a` and `b` differ in shape. `Meridian` checks that the diameter is positive.
 
     References:
         Chambers 2021, section 4.3, table 4.3.
@@ -46,7 +46,7 @@ class FourierProfile(AbstractProfile):
     def __check_init__(self) -> None:
         if self.a.ndim != 1 or self.a.shape != self.b.shape:
             raise ValueError(
-                "a and b need one coefficient per term, without a0; got the shapes "
+                "a and b need one coefficient per term, excluding a0; got shapes "
                 f"{self.a.shape} and {self.b.shape}"
             )
 
@@ -57,7 +57,7 @@ class FourierProfile(AbstractProfile):
         return FourierProfile(self.a0, even * jnp.cos(half), even * jnp.sin(half), self.w)
 
     def diameter(self, x: Real, length: Real) -> RealArray:
-        """Braid diameter D [m] at position x [-], broadcast shape; independent of the length [m]."""
+        """Return the braid diameter D [m] at position x [-], broadcast shape; independent of length [m]."""
         angle = _harmonics(self.a) * self.w * as_real(x)[..., None]
         series = jnp.sum(self.a * jnp.cos(angle) + self.b * jnp.sin(angle), axis=-1)
         shape = jnp.broadcast_shapes(jnp.shape(x), jnp.shape(length))
@@ -65,14 +65,14 @@ class FourierProfile(AbstractProfile):
 
 
 def _harmonics(coefficients: RealArray) -> np.ndarray:
-    """Return the numbers n = 1, 2, ... of the terms in the precision of the coefficients."""
+    """Return the term numbers n = 1, 2, ..., in the precision of the coefficients."""
     return np.arange(1, coefficients.shape[-1] + 1, dtype=coefficients.dtype)
 
 
 def tondu_lopez_length(length: Real, rest_length: Real, k: Real) -> RealArray:
-    """Return the length [m] of the cylinder that pulls like a muscle with rounded ends, L0 (1 - k eps).
+    """Return the length [m] of a cylinder with the force of a muscle with rounded ends, L0 (1 - k eps).
 
-    In the force of a cylindrical muscle it replaces L.
+    This length replaces L in the force of a cylindrical muscle.
 
     Args:
         length: active length L [m].

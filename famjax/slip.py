@@ -1,4 +1,4 @@
-"""Maxwell-slip elements, springs in series with dry sliders, and their coordinates in a muscle."""
+"""Maxwell-slip elements (springs in series with dry sliders) and their coordinates in a muscle."""
 
 import dataclasses
 import itertools
@@ -22,7 +22,7 @@ def slip(deflection: Either, change: Either, threshold: Either) -> Either:
 
         s <- min(max(s + dq, -delta), delta)
 
-    Exact for a change of any size. Accepts arrays of NumPy or JAX.
+    The result is exact for a change of any size. Accepts NumPy or JAX arrays.
 
     Args:
         deflection: s before the change.
@@ -44,9 +44,9 @@ def slip(deflection: Either, change: Either, threshold: Either) -> Either:
 
 
 def slip_shares(pressure: Either, modulus: Either) -> tuple[Either, Either]:
-    """Return the derivatives of both coordinates in the strain, 1 + P/E and P/E [-].
+    """Return the derivatives of both coordinates with respect to strain, 1 + P/E and P/E [-].
 
-    Accepts arrays of NumPy or JAX; see `MaxwellSlip`.
+    Accepts NumPy or JAX arrays; see `MaxwellSlip`.
 
     Args:
         pressure: gauge pressure P [Pa].
@@ -61,7 +61,7 @@ def slip_coordinates(
 ) -> tuple[Either, Either]:
     """Return the coordinates of wall and braid [-], -eps (1 + P/E) and -eps P/E, broadcast shape.
 
-    Accepts arrays of NumPy or JAX; see `MaxwellSlip`.
+    Accepts NumPy or JAX arrays; see `MaxwellSlip`.
 
     Args:
         length: L [m].
@@ -110,7 +110,7 @@ class SlipState(eqx.Module):
 
 
 class MaxwellSlip(eqx.Module):
-    """The history-dependent part of a pull: elements on two coordinates.
+    """The history-dependent part of a muscle's force: elements on two coordinates.
 
         q_w = -eps (1 + P/E),   q_b = -eps P/E,   eps = (L0 - L)/L0
 
@@ -118,18 +118,18 @@ class MaxwellSlip(eqx.Module):
 
     The first coordinate is the axial strain of the wall, enlarged by a pressure that is not small
     compared with the modulus E of rubber. The second is the part added by the pressure; its elements
-    model dry friction under the normal force of the pressure. At constant pressure both coordinates
-    follow the contraction, and full sliding requires c0 + c1 P. At constant length they are
-    proportional to contraction and pressure. A muscle at rest length therefore has no loop, and a
-    shortened muscle pulls less during filling than during venting.
+    model dry friction under the normal force due to the pressure. At constant pressure, both coordinates
+    follow the contraction, and full sliding requires the force c0 + c1 P. At constant length, both
+    change in proportion to contraction and pressure. A muscle at rest length therefore has no loop, and
+    a shortened muscle pulls less during filling than during venting.
 
-    A force f on a coordinate q pulls with f dq/dL and displaces the volume -f dq/dP, so machine and
-    fluid together do the work f dq. It is stored in the springs or dissipated by the sliders, so a
-    closed cycle never yields energy.
+    A force f on a coordinate q adds f dq/dL to the muscle's force and displaces the volume -f dq/dP, so
+    machine and fluid together do the work f dq. This work is stored in the springs or dissipated by the
+    sliders, so a closed cycle never yields energy.
 
     Attributes:
-        wall: elements on q_w, thresholds [-]; strengths at zero pressure.
-        braid: elements on q_b, thresholds [-]; strengths at the pressure E.
+        wall: elements on q_w, thresholds [-]; strengths apply at zero pressure.
+        braid: elements on q_b, thresholds [-]; strengths apply at the pressure E.
         rest_length: L0 [m].
         modulus: E [Pa].
 
@@ -150,7 +150,7 @@ class MaxwellSlip(eqx.Module):
     modulus: Float[Given, ""] = eqx.field(converter=as_number)
 
     def coordinates(self, length: Real, pressure: Real) -> tuple[RealArray, RealArray]:
-        """Coordinates of wall and braid [-], see `slip_coordinates`."""
+        """Return the coordinates of wall and braid [-]; see `slip_coordinates`."""
         L, P = as_real(length), as_real(pressure)
         return slip_coordinates(L, P, self.rest_length, self.modulus)
 
@@ -172,18 +172,18 @@ class MaxwellSlip(eqx.Module):
         )
 
     def force(self, state: SlipState, pressure: Real) -> RealArray:
-        """Return the elements' pull F_h [N]; positive after lengthening."""
+        """Return the elements' force F_h [N]; positive after lengthening."""
         wall, braid = slip_shares(as_real(pressure), self.modulus)
         return wall * self.wall.force(state.wall) + braid * self.braid.force(state.braid)
 
     def added(self, state: SlipState, length: Real, pressure: Real, force: Real = 0.0) -> RealArray:
-        """Return the force [N] added to the static force [N], on which it does not depend."""
+        """Return the force [N] to add to the static force [N], on which it does not depend."""
         del length, force
         return self.force(state, pressure)
 
     @compiled_method
     def states(self, length: History, pressure: History) -> SlipState:
-        """Return the state at each point of a history that starts relaxed.
+        """Return the state at each point in a history that starts relaxed.
 
         Args:
             length: L [m] in time order, shape (n,), including every turning point.
@@ -217,15 +217,15 @@ class MaxwellSlip(eqx.Module):
 
 
 Cycle = Literal["ramp", "stroke"]
-"""Pressure up and down at constant length, or a stroke at constant pressure."""
+"""A pressure ramp up and down at constant length, or a stroke at constant pressure."""
 
 
 def there_and_back(path: Sequence[Either], threshold: Either) -> tuple[Either, Either]:
-    """Return the deflections of relaxed elements when a path reaches a point, and when it returns.
+    """Return the deflections of initially relaxed elements when a path reaches a point and returns to it.
 
     Args:
         path: coordinate at the start, at other turning points, at the point, at the last turn and at
-            the point again; arrays of NumPy or JAX with one shape (*n,). The coordinate changes
+            the point again; NumPy or JAX arrays with one shape (*n,). The coordinate changes
             monotonically between them.
         threshold: thresholds of the elements, shape (k,).
 
@@ -240,7 +240,7 @@ def there_and_back(path: Sequence[Either], threshold: Either) -> tuple[Either, E
 
 @dataclasses.dataclass(frozen=True)
 class ReferenceCycle:
-    """The cycle whose two branches have the static map as mean.
+    """The cycle whose two branches average to the static map.
 
     Attributes:
         kind: "ramp" if the pressure moves, "stroke" if the length moves.
@@ -255,7 +255,7 @@ class ReferenceCycle:
 
 
 class CentredSlip(eqx.Module):
-    """Hysteresis around a static map, with zero mean over both branches of the map's cycle.
+    """Hysteresis about a static map, with zero mean over both branches of the map's cycle.
 
     Elements below their thresholds act as springs, so their mean over a cycle is not zero. This mean
     depends only on length and pressure and is subtracted as a static force. The difference between the
@@ -263,7 +263,7 @@ class CentredSlip(eqx.Module):
 
     Attributes:
         slip: the elements.
-        cycle: cycle of the static map.
+        cycle: reference cycle of the static map.
     """
 
     slip: MaxwellSlip
@@ -306,7 +306,7 @@ class CentredSlip(eqx.Module):
         return self.slip.moved(state, length, pressure)
 
     def added(self, state: SlipState, length: Real, pressure: Real, force: Real = 0.0) -> RealArray:
-        """Return the force [N] added to the static force [N], on which it does not depend."""
+        """Return the force [N] to add to the static force [N], on which it does not depend."""
         del force
         return self.slip.force(state, pressure) - self.middle(as_real(length), as_real(pressure))
 
@@ -316,7 +316,7 @@ class CentredSlip(eqx.Module):
         """Return the hysteresis [N] to add to the static map along a history, shape (n,).
 
         The history starts as the reference cycle does: vented at the first length, or at the longest
-        length under the first pressure.
+        length at the first pressure.
 
         Args:
             length: L [m] in time order, shape (n,), including every turning point.

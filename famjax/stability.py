@@ -16,7 +16,7 @@ class PathStrains(eqx.Module):
     Attributes:
         pressure: gauge pressure [Pa].
         axial, hoop: eps_z and eps_c [-] at stations along the muscle, shape (..., stations).
-        axial_rate, hoop_rate: derivatives of the strains in L [1/m] at constant pressure.
+        axial_rate, hoop_rate: derivatives of the strains with respect to L [1/m] at constant pressure.
         station_weights: quadrature weights of the stations, sum 1.
     """
 
@@ -28,7 +28,7 @@ class PathStrains(eqx.Module):
     station_weights: Float[Array, "... stations"]
 
     def modulus(self, material: AbstractMaterial) -> RealArray:
-        """Second-order work per squared strain increment [Pa]; see `path_modulus`."""
+        """Return the second-order work per squared strain increment [Pa]; see `path_modulus`."""
         pressure = self.pressure[..., None]
         stress_rate = jax.jvp(
             lambda axial, hoop: material.stresses(axial, hoop, pressure),
@@ -43,7 +43,7 @@ class PathStrains(eqx.Module):
 
 @promoting
 def path_strains(geometry: AbstractGeometry, length: Real, pressure: Real) -> PathStrains:
-    """Return the strains along the actuation path, with their derivatives in length.
+    """Return the strains along the actuation path, with their derivatives with respect to length.
 
     Args:
         geometry: source of the strains at (L, P).
@@ -51,7 +51,7 @@ def path_strains(geometry: AbstractGeometry, length: Real, pressure: Real) -> Pa
         pressure: gauge pressure P [Pa].
 
     Returns:
-        Strains and rates of the broadcast shape, with a trailing axis of stations.
+        Strains and rates with the broadcast shape plus a trailing axis of stations.
     """
 
     def one(length: RealArray, pressure: RealArray) -> PathStrains:
@@ -74,12 +74,12 @@ def path_strains(geometry: AbstractGeometry, length: Real, pressure: Real) -> Pa
 def path_modulus(
     material: AbstractMaterial, geometry: AbstractGeometry, length: Real, pressure: Real
 ) -> RealArray:
-    """Second-order work of the bladder along the actuation path, per squared strain increment.
+    """Return the bladder's second-order work along the actuation path, per squared strain increment.
 
     (d sigma_z d eps_z + d sigma_c d eps_c) / (d eps_z^2 + d eps_c^2), with increments along L at
     constant pressure. For a law that does not couple the two directions this is a weighted mean of
     the two tangent moduli, (sigma_z'(eps_z) d eps_z^2 + sigma_c'(eps_c) d eps_c^2) /
-    (d eps_z^2 + d eps_c^2). Drucker stability requires >= 0 at every state.
+    (d eps_z^2 + d eps_c^2). Drucker stability requires a value >= 0 at every state.
 
     Args:
         material: stress law.

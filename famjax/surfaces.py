@@ -1,4 +1,4 @@
-"""Measured shapes: profiles interpolated over length and pressure."""
+"""Measured shapes: profiles interpolated in length and pressure."""
 
 import abc
 import functools
@@ -19,12 +19,12 @@ from .profiles import AbstractProfile
 def b_splines(
     knots: Float[Array, " knots"], degree: int, at: Float[Array, "..."]
 ) -> Float[Array, "... splines"]:
-    """Return the B-splines of a knot vector at any points; beyond the ends the end pieces continue.
+    """Return the B-splines for a knot vector at any points; the end pieces extend beyond the ends.
 
     N_i,d = (x - t_i)/(t_i+d - t_i) N_i,d-1 + (t_i+d+1 - x)/(t_i+d+1 - t_i+1) N_i+1,d-1
 
     Args:
-        knots: t, increasing, the first and the last repeated degree + 1 times.
+        knots: t, increasing; the first and the last are repeated degree + 1 times.
         degree: d >= 1.
         at: x, any shape.
 
@@ -52,7 +52,7 @@ def cardinal_splines(
 
     Args:
         knots: increasing.
-        at: points of any shape; beyond the ends the end cubics continue.
+        at: points, any shape; the end cubics extend beyond the ends.
 
     References:
         de Boor 1978, chapter IV.
@@ -69,7 +69,7 @@ class AbstractMeasuredFamily(Parametrised):
     Attributes:
         lengths: measured active lengths L [m], decreasing.
         braid: braid with thread length B(L, P).
-        margin: extrapolation at each end, as a fraction of the range of lengths.
+        margin: extrapolation allowed at each end, as a fraction of the range of lengths.
     """
 
     lengths: eqx.AbstractVar[Float[Array, " profiles"]]
@@ -79,8 +79,8 @@ class AbstractMeasuredFamily(Parametrised):
     def _check_range(self) -> None:
         if not 0 <= self.margin <= 0.25:
             raise ValueError(
-                f"margin is a fraction of the measured range between 0 and 0.25, got {self.margin}: a "
-                "cubic cannot predict the shape further out. Measure more lengths instead"
+                "margin must be a fraction of the measured range, between 0 and 0.25; got "
+                f"{self.margin}. A cubic cannot predict the shape further out: measure more lengths"
             )
         if not isinstance(self.lengths, Tracer) and not np.all(np.diff(self.lengths) < 0):
             raise ValueError(
@@ -89,7 +89,7 @@ class AbstractMeasuredFamily(Parametrised):
 
     @abc.abstractmethod
     def diameter(self, x: Real, length: Real, pressure: Real) -> RealArray:
-        """Braid diameter D [m], broadcast shape; nan outside `length_range`.
+        """Return the braid diameter D [m], broadcast shape; nan outside `length_range`.
 
         Args:
             x: position [-] in [0, 1].
@@ -99,10 +99,10 @@ class AbstractMeasuredFamily(Parametrised):
 
     @abc.abstractmethod
     def middle_pressure(self) -> RealArray:
-        """A pressure [Pa] at which the shape is known."""
+        """Return a pressure [Pa] at which the shape is known."""
 
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """Shortest and longest length [m]: the measured range, extended by the margin."""
+        """Return the shortest and longest length [m]: the measured range, extended by the margin."""
         longest, shortest = self.lengths[0], self.lengths[-1]
         beyond = self.margin * (longest - shortest)
         return shortest - beyond, longest + beyond
@@ -113,37 +113,37 @@ class AbstractMeasuredFamily(Parametrised):
         return (share >= -self.margin - rounding) & (share <= 1 + self.margin + rounding)
 
     def _share(self, length: Real) -> RealArray:
-        """Position in the measured range, from 0 at the longest length to 1 at the shortest."""
+        """Return the position in the measured range, from 0 at the longest length to 1 at the shortest."""
         return (self.lengths[0] - length) / (self.lengths[0] - self.lengths[-1])
 
     def _cardinals(self, length: RealArray) -> Float[Array, "... profiles"]:
-        """Cardinal splines phi_k(L), shape (..., profiles); nan beyond the margin."""
+        """Return the cardinal splines phi_k(L), shape (..., profiles); nan beyond the margin."""
         cardinals = cardinal_splines(self._share(self.lengths), self._share(length))
         return jnp.where(self.knows(length)[..., None], cardinals, jnp.nan)
 
 
 class MeasuredFamily(AbstractMeasuredFamily):
-    """Profiles measured at one pressure and several lengths, interpolated over the length.
+    """Profiles measured at one pressure and several lengths, interpolated in length.
 
     D(x, L, P) = (sum over k of phi_k(L) D_k(x)) D_braid(L, B(L, P)) / D_braid(L, B(L, P_ref))
 
-    The diameters at each x are interpolated in L by a cubic spline (`cardinal_splines`), which returns
-    the measured shapes exactly at P_ref. At other pressures the diameters are scaled by the ratio of the
-    braid's triangle diameters, which is 1 for an inelastic braid.
+    The diameters at each x are interpolated in L by a cubic spline (`cardinal_splines`), which reproduces
+    the measured shapes exactly at P_ref. At other pressures, the diameters are scaled by the ratio of the
+    diameters from the braid's triangle relation, which is 1 for an inelastic braid.
 
     The end cubics extrapolate by `margin` of the measured range of lengths, enough to reach a free
-    contraction just beyond the last photograph. Beyond the margin the result is nan.
+    contraction just beyond the last photograph. Beyond the margin, the result is nan.
 
     Attributes:
         lengths: L_k [m], decreasing as the muscle contracts, shape (profiles,).
         profiles: D_k(x), at least two.
         reference_pressure: pressure P_ref [Pa] of the measurement.
         braid: braid with thread length B(L, P).
-        margin: extrapolation at each end, as a fraction of the range of lengths.
+        margin: extrapolation allowed at each end, as a fraction of the range of lengths.
 
     Raises:
-        ValueError: lengths and profiles do not match, or lengths do not decrease. A diameter that is
-            not positive is an error in a geometry of the family.
+        ValueError: lengths and profiles do not match, or lengths do not decrease. A geometry that uses
+            the family raises an error if a diameter is not positive.
 
     References:
         Chambers 2021, section 4.3 (profiles); de Boor 1978, chapter IV (interpolation).
@@ -165,7 +165,7 @@ class MeasuredFamily(AbstractMeasuredFamily):
 
     @compiled_method
     def diameter(self, x: Real, length: Real, pressure: Real) -> RealArray:
-        """Braid diameter D [m] at position x [-], length [m] and pressure [Pa], broadcast shape."""
+        """Return the braid diameter D [m] at x [-], length [m] and pressure [Pa], broadcast shape."""
         x, length = as_real(x), as_real(length)
         pairs = zip(self.profiles, self.lengths, strict=True)
         measured = jnp.stack([profile.diameter(x, at) for profile, at in pairs], axis=-1)
@@ -177,7 +177,7 @@ class MeasuredFamily(AbstractMeasuredFamily):
         return interpolated * (stretched / reference)
 
     def middle_pressure(self) -> RealArray:
-        """P_ref [Pa]."""
+        """Return P_ref [Pa]."""
         return self.reference_pressure
 
 
@@ -186,7 +186,7 @@ class SampledSurface(AbstractMeasuredFamily):
 
     The measured shape already includes the stretch of the threads, so the braid does not scale the
     diameters; it only provides turns and thread length. The end cubics extrapolate in length by
-    `margin` of the range; beyond it the result is nan. In pressure the extrapolation is linear.
+    `margin` of the range; beyond it, the result is nan. Extrapolation in pressure is linear.
 
     Attributes:
         lengths: active lengths L [m], decreasing as the muscle contracts, shape (lengths,), >= 2.
@@ -194,7 +194,7 @@ class SampledSurface(AbstractMeasuredFamily):
             depend on the pressure.
         diameters: D [m] at x = 0, 1/(n - 1), ..., 1, shape (pressures, lengths, stations).
         braid: braid of the muscle.
-        margin: extrapolation at each end, as a fraction of the range of lengths.
+        margin: extrapolation allowed at each end, as a fraction of the range of lengths.
 
     Raises:
         ValueError: shapes do not match, lengths do not decrease, pressures do not increase, or a
@@ -229,12 +229,12 @@ class SampledSurface(AbstractMeasuredFamily):
             )
 
     def middle_pressure(self) -> RealArray:
-        """Mean of the pressures [Pa]."""
+        """Return the mean of the pressures [Pa]."""
         return jnp.mean(self.pressures)
 
     @compiled_method
     def diameter(self, x: Real, length: Real, pressure: Real) -> RealArray:
-        """Braid diameter D [m] at position x [-], length [m] and pressure [Pa], broadcast shape."""
+        """Return the braid diameter D [m] at x [-], length [m] and pressure [Pa], broadcast shape."""
         # Not broadcast first: the splines of lengths and of positions are smaller apart.
         x, length, pressure = as_real(x), as_real(length), as_real(pressure)
         knots, degree, inverse = _even_splines(self.diameters.shape[-1])
@@ -250,7 +250,7 @@ class SampledSurface(AbstractMeasuredFamily):
 
 @functools.cache
 def _even_splines(stations: int) -> tuple[np.ndarray, int, np.ndarray]:
-    """Knots, degree and coefficients of the cardinal splines on evenly spaced stations."""
+    """Return knots, degree and coefficients of the cardinal splines on evenly spaced stations."""
     from scipy.interpolate import make_interp_spline  # noqa: PLC0415 -- 0.2 s, only for a surface
 
     degree = min(3, stations - 1)

@@ -1,7 +1,7 @@
 """Read tables from any source: force maps, ramps and machine logs, with columns identified by name.
 
-Set points, limits, peaks, atmospheric pressures and counters are not taken as measurements of the muscle
-unless the user assigns them. Ambiguous columns raise an error that names the option to use.
+Set points, limits, peaks, atmospheric pressures and counters are not treated as measurements of the
+muscle unless the user assigns them. Ambiguous columns raise an error that names the option to use.
 """
 
 import dataclasses
@@ -27,7 +27,7 @@ _ATMOSPHERE = (100.6e3, 102.0e3)  # Pa: range of the first reading of an absolut
 
 @dataclasses.dataclass(frozen=True)
 class Table:
-    """A table in SI.
+    """A table in SI units.
 
     Attributes:
         columns: values by quantity, shape (n,); pressures are gauge unless absolute ones were requested.
@@ -51,7 +51,7 @@ class Table:
 
     @property
     def units(self) -> dict[str, str]:
-        """Units of the columns by their names in famjax; SI units if famjax has no name for them."""
+        """Unit of each column, by its name in famjax; the SI unit if famjax has no name for it."""
         found = {}
         for quantity, one in self.taken.items():
             kind = kind_of(quantity)
@@ -60,7 +60,7 @@ class Table:
         return found
 
     def said(self) -> str:
-        """Describe the source of each quantity: one line, or a table if columns were named or ignored."""
+        """Describe the source of each quantity: one line, or a table if columns are assigned or ignored."""
         if not self.others and not any(one.named for one in self.taken.values()):
             each = self.taken.items()
             told = [f"{q} from {one.name!r}, first {one.first:.6g} {one.unit}" for q, one in each]
@@ -77,28 +77,29 @@ def read_table(
     source: Any, needed: Sequence[str], *, optional: Iterable[str] = (),
     columns: Mapping[str, str] | None = None, strict: bool = False, absolute: bool = False, fewest: int = 1,
 ) -> Table:  # fmt: skip
-    """Read a table in any usual format; nothing is interpolated and no unit is guessed.
+    """Read a table in any common format; nothing is interpolated and no unit is guessed.
 
     Reads text in UTF-8, UTF-16 or cp1252, separated by tabs, semicolons, commas, bars or blanks, with
     decimal points or commas. Lines may precede the header, and units may be in the names or in a separate
-    row. Also reads .xlsx workbooks by pandas.
+    row. Also reads .xlsx workbooks with pandas.
 
     Args:
         source: a path or an open file, such as standard input.
-        needed: required quantities of `KINDS`; a `contraction` may replace a `length`.
+        needed: required quantities from `KINDS`; a `contraction` may replace a `length`.
         optional: optional quantities.
-        columns: columns assigned by the user: name, or number from 1, by quantity. Add the unit in brackets
-            if the table lacks it, `{"force": "Kraft [N]"}`; `-` ignores a quantity. `{"decimal": ","}` sets
-            the decimal sign and `{"atmosphere": "101.3kPa"}` the reference of absolute pressures.
+        columns: columns assigned by the user, by quantity: a name, or a number from 1. Add the unit in
+            brackets if the table lacks it, `{"force": "Kraft [N]"}`; `-` ignores a quantity.
+            `{"decimal": ","}` sets the decimal sign and `{"atmosphere": "101.3kPa"}` the reference for
+            absolute pressures.
         strict: require every row to be a reading; otherwise other rows are skipped and reported.
-        absolute: leave absolute pressures unchanged, for a caller that subtracts the zero later.
+        absolute: leave absolute pressures unchanged, for a caller that subtracts the zero reading later.
         fewest: minimum number of numeric rows.
 
     Returns:
         The table.
 
     Raises:
-        InputError: the message describes the fault, its line number and the remedy.
+        InputError: the message states the fault, its line number and the remedy.
     """
     asked = Asked(tuple(needed), tuple(optional), columns or {}, strict, absolute, fewest)
     known = [*asked.needed, *asked.optional, "decimal", "atmosphere"]
@@ -120,7 +121,7 @@ def read_table(
 
 
 def text_lines(path: str | Path) -> list[str]:
-    """Read the lines of a text file in any usual encoding.
+    """Read the lines of a text file in any common encoding.
 
     Raises:
         InputError: the file is missing, or is not a text file.
@@ -133,7 +134,7 @@ def text_lines(path: str | Path) -> list[str]:
 
 
 def check_size(path: str | Path, most: float = _cells.MOST_BYTES) -> None:
-    """Refuse a file that is too large, before reading it.
+    """Reject a file that is too large, before reading it.
 
     Raises:
         InputError: the file is missing or too large.
@@ -146,12 +147,12 @@ def check_size(path: str | Path, most: float = _cells.MOST_BYTES) -> None:
         raise InputError(f"cannot read {path}: {error.strerror}") from None
     if size > most:
         raise InputError(
-            f"{path} has {size / 1e6:.0f} MB, the limit is {most / 1e6:.0f} MB: export less data"
+            f"{path} has {size / 1e6:.0f} MB, above the limit of {most / 1e6:.0f} MB: export less data"
         )
 
 
 def _of_workbook(data: bytes, asked: Asked) -> Table:
-    """Read the only sheet of a workbook that contains the table."""
+    """Read the only sheet in a workbook that contains the table."""
     try:
         _cells.check_workbook(data)
         pandas = import_extra("pandas", "tables")
@@ -161,7 +162,7 @@ def _of_workbook(data: bytes, asked: Asked) -> Table:
     except InputError:
         raise
     except _cells.DAMAGED as error:
-        raise InputError(f"it is not a readable workbook ({error}): save it as CSV") from None
+        raise InputError(f"this is not a readable workbook ({error}): save it as CSV") from None
     found, refused = {}, []
     for name, frame in sheets.items():
         rows = [
@@ -177,7 +178,9 @@ def _of_workbook(data: bytes, asked: Asked) -> Table:
             refused.append(f"sheet {str(name)!r}: {error}")
     if len(found) > 1:
         several = ", ".join(map(repr, found))
-        raise InputError(f"the sheets {several} all contain the table: keep one, or save it as CSV")
+        raise InputError(
+            f"the sheets {several} all contain a suitable table: keep one, or save one as CSV"
+        )
     if not found:
         raise InputError("; ".join(refused))
     return next(iter(found.values()))
@@ -205,8 +208,8 @@ def _find(
         if len(mine) > 1:
             alone = sum(other.name == one.name for other in held) == 1
             raise InputError(
-                f"{len(mine)} columns for {quantity} ({', '.join(one.name for one in mine)}): say which, "
-                f"{remedy_for(quantity, one.name if alone else str(one.place + 1))}"
+                f"{len(mine)} columns match {quantity} ({', '.join(one.name for one in mine)}): choose one "
+                f"with {remedy_for(quantity, one.name if alone else str(one.place + 1))}"
             )
     if quantity == "time" and clock(one.place):
         return one
@@ -214,11 +217,13 @@ def _find(
     if size is not None:
         return one._replace(size=size[0], absolute=one.absolute if size[1] is None else size[1])
     every = [unit for unit in _headers.SIZES[kind] if unit]
-    lacks = f"the unknown unit {shortened(one.unit)}" if one.unit else "no unit, in name or below"
+    lacks = (
+        f"the unknown unit {shortened(one.unit)}" if one.unit else "no unit in or below its name"
+    )
     hint = ": a contraction is (L0 - L)/L0, a fraction or in %" if kind == "contraction" else ""
     raise InputError(
-        f"{one} has {lacks}{hint}; known units of {kind} are: {', '.join(every)}"
-        f"{meant(one.unit, every)}: specify it, {remedy_for(quantity, f'{one.title} [{every[0]}]')}"
+        f"{one} has {lacks}{hint}; known units of {kind} are: {', '.join(every)}{meant(one.unit, every)}: "
+        f"specify the unit with {remedy_for(quantity, f'{one.title} [{every[0]}]')}"
     )
 
 
@@ -245,10 +250,10 @@ def _wanted(quantity: str, held: Sequence[Column], wanted: str) -> Column:
 
 
 def _missing(quantity: str, held: Sequence[Column]) -> InputError:
-    """Build the error for a missing quantity, with possible columns and the option to assign one."""
+    """Return the error for a missing quantity, with possible columns and the option to assign one."""
     kind = kind_of(quantity)
     near = [
-        f"{shortened(one.name)} {f'is {one.reason}' if one.reason else 'may be it, or not'}"
+        f"{shortened(one.name)} {f'is {one.reason}' if one.reason else 'may or may not be it'}"
         for one in held
         if one.quantity == quantity or (one.reason and unit_size(one.unit, kind) is not None)
     ]
@@ -256,8 +261,8 @@ def _missing(quantity: str, held: Sequence[Column]) -> InputError:
     example = "1 [N]" if held[0].name == "column 1" else "NAME [unit]"
     return InputError(
         f"no column for {quantity}{': ' * bool(near)}{'; '.join(near)}; the table has "
-        f"{', '.join(shortened(one.name)[1:-1] for one in held)}: name it with its unit, such as "
-        f"{known[-1]}, or assign a column, {remedy_for(quantity, example)}"
+        f"{', '.join(shortened(one.name)[1:-1] for one in held)}: name the column with its unit, such as "
+        f"{known[-1]}, or assign a column with {remedy_for(quantity, example)}"
     )
 
 
@@ -283,14 +288,14 @@ def _find_all(sheet: Sheet, asked: Asked, clock: Callable[[int], bool]) -> dict[
 
 
 def _of_sheet(sheet: Sheet, asked: Asked) -> Table:
-    """Extract the columns of a sheet in SI."""
+    """Extract the columns of a sheet in SI units."""
     names, body, width = sheet.names, sheet.rows, len(sheet.names)
     if asked.strict:  # up to the last row with a number, to exclude a footer
         last = max(k for k, (_, row) in enumerate(body) if any(map(looks_number, row)))
         body = body[: last + 1]
         for line in (line for line, row in body if len(row) > width):
             raise InputError(
-                f"row {line} has more cells than the header: write decimal points, or name every column"
+                f"row {line} has more cells than the header: use decimal points, or name every column"
             )
     lines = np.array([line for line, _ in body])
     blank = ("",) * width
@@ -346,7 +351,7 @@ def _dated(place: int, names: Sequence[str], cells: Sequence[Sequence[str]]) -> 
 def _in_si(
     values: dict[str, np.ndarray], found: dict[str, Column], asked: Asked
 ) -> dict[str, np.ndarray]:
-    """Convert columns to SI, and absolute pressures to gauge."""
+    """Convert columns to SI units, and absolute pressures to gauge."""
     columns = {quantity: one.size * values[quantity] for quantity, one in found.items()}
     for quantity, one in found.items():
         if not one.named and columns[quantity].size > 2:
@@ -355,19 +360,19 @@ def _in_si(
     if one is not None and one.absolute and not asked.absolute:
         if "atmosphere" not in asked.columns:
             raise InputError(
-                f"{one} is an absolute pressure, but the muscle needs gauge pressure: give the atmospheric "
-                "pressure, --column atmosphere=101.3kPa, or a column of gauge pressure"
+                f"{one} is an absolute pressure, but the muscle needs gauge pressure: set the atmospheric "
+                "pressure with --column atmosphere=101.3kPa, or assign a gauge pressure column"
             )
         columns["pressure"] -= parse_quantity(asked.columns["atmosphere"], "pressure")
     return columns
 
 
 def _check_values(quantity: str, values: np.ndarray, one: Column, asked: Asked) -> None:
-    """Refuse a column whose values contradict its name."""
+    """Reject a column whose values contradict its name."""
     raw = values / one.size
     if quantity == "force" and len(raw) >= 10 and np.all(np.diff(raw) == 1) and raw[0] % 1 == 0:
         remedy = remedy_for("force", "NAME [unit]")
-        raise InputError(f"{one} counts the rows: say which column is the force, {remedy}")
+        raise InputError(f"{one} only counts the rows: assign the force column with {remedy}")
     if quantity != "pressure" or asked.absolute or one.absolute is not None:
         return
     low, high = float(values.min()), float(values.max())
@@ -379,8 +384,8 @@ def _check_values(quantity: str, values: np.ndarray, one: Column, asked: Asked) 
         remedy = f'--column pressure="{one.title} [{one.unit}'
         raise InputError(
             f"{one} {'stays' if stands else 'begins'} at atmospheric pressure, "
-            f'{raw.min():.6g} {one.unit}, as absolute readings do: specify the kind, {remedy} gauge]" or '
-            f'{remedy} abs]" with --column atmosphere=101.3kPa; or ignore it, --column pressure=-'
+            f'{raw.min():.6g} {one.unit}, as absolute readings do: specify the kind with {remedy} gauge]" '
+            f'or {remedy} abs]" and --column atmosphere=101.3kPa; or ignore it with --column pressure=-'
         )
 
 
@@ -392,13 +397,13 @@ def check_time(table: Table, most: float = REPEATED) -> np.ndarray:
         most: fraction of rows that may repeat the time of the row before.
 
     Raises:
-        InputError: time goes back or does not advance.
+        InputError: time goes back, or does not advance.
     """
     time, step = table.columns["time"], np.diff(table.columns["time"])
     for k in np.flatnonzero(step < 0):
         raise InputError(
             f"time goes back from {time[k]:.6g} s to {time[k + 1]:.6g} s at line {table.lines[k + 1]}: "
-            "a file must contain one test; split it there"
+            "a file must contain a single test; split the file there"
         )
     if step.size and np.mean(step == 0) > most:
         raise InputError(

@@ -1,4 +1,4 @@
-"""Force terms, and their sum."""
+"""Force terms and their sum."""
 
 import abc
 from collections.abc import Sequence
@@ -22,14 +22,14 @@ class AbstractForceTerm(Parametrised):
     with `famjax.parameter` to identify them together with the muscle's.
 
     Class variables:
-        uses_rates: True if the term reads `at.rates`, the derivatives of the dimensions in the length.
+        uses_rates: True if the term reads `at.rates`, the dimensions' derivatives with respect to length.
     """
 
     uses_rates: ClassVar[bool] = False
 
     @abc.abstractmethod
     def force(self, at: Dimensions, pressure: Real) -> RealArray:
-        """Force [N] of this term, broadcast shape; positive if it shortens the muscle.
+        """Return this term's force [N], broadcast shape; positive if it shortens the muscle.
 
         Args:
             at: dimensions of the muscle at its length and pressure.
@@ -53,7 +53,7 @@ class SumOfTerms(AbstractForceTerm):
     terms: tuple[AbstractForceTerm, ...]
 
     def __init__(self, terms: Sequence[eqx.Module]) -> None:
-        """See the class.
+        """Create a sum of force terms.
 
         Args:
             terms: force terms, at least one.
@@ -65,20 +65,20 @@ class SumOfTerms(AbstractForceTerm):
         for term in terms if isinstance(terms, tuple | list) else [terms]:
             if not isinstance(term, AbstractForceTerm):
                 raise ValueError(
-                    "a force term is derived from famjax.terms.AbstractForceTerm and has the method "
-                    f"force(at, pressure); got {type(term).__name__}. A bladder material becomes a "
-                    "term by famjax.terms.BladderWall(material)"
+                    "a force term must derive from famjax.terms.AbstractForceTerm and have the method "
+                    f"force(at, pressure); got {type(term).__name__}. Make a bladder material a term with "
+                    "famjax.terms.BladderWall(material)"
                 )
             flat.extend(term.terms if isinstance(term, SumOfTerms) else [term])
         if not flat:
             raise ValueError(
-                "a muscle needs at least one force term, got none: give, for instance, "
+                "a muscle needs at least one force term, got none: pass, for example, "
                 "PressurisedBraid() + BladderWall(material)"
             )
         self.terms = tuple(flat)
 
     def force(self, at: Dimensions, pressure: Real) -> RealArray:
-        """Sum of the terms' forces [N], broadcast shape."""
+        """Return the sum of the terms' forces [N], broadcast shape."""
         wanted = jnp.shape(at.length)
         total: Any = 0.0  # of no precision of its own
         for term in self.terms:
@@ -86,10 +86,10 @@ class SumOfTerms(AbstractForceTerm):
             alone = not isinstance(force, tuple | list | None)
             shape = jnp.shape(force) if alone else ()
             if not alone or jnp.broadcast_shapes(shape, wanted) != wanted:
-                came = f"the shape {shape}" if alone else f"a {type(force).__name__}"
+                came = f"shape {shape}" if alone else f"a {type(force).__name__}"
                 raise ValueError(
                     f"force(at, pressure) of {type(term).__name__} must return one force [N] for each "
-                    f"state, here of the shape {wanted}, that of at.length; got {came}"
+                    f"state, here with shape {wanted}, the shape of at.length; got {came}"
                 )
             total = total + force
         return jnp.asarray(total)
@@ -100,7 +100,7 @@ HIGHEST_DEADBAND = 200e3
 
 
 class PressurisedBraid(AbstractForceTerm):
-    """Gaylord's force of the braid, (P - P_d) pi R^2 (2 tan(theta)^2 - 1).
+    """Gaylord's braid force, (P - P_d) pi R^2 (2 tan(theta)^2 - 1).
 
     Attributes:
         deadband_pressure: P_d [Pa], pressure below which the muscle does not act.
@@ -114,12 +114,12 @@ class PressurisedBraid(AbstractForceTerm):
     )
 
     def force(self, at: Dimensions, pressure: Real) -> RealArray:
-        """Pull [N] of the braid, broadcast shape; negative below the neutral angle."""
+        """Return the braid force [N], broadcast shape; negative below the neutral angle."""
         return gaylord_force(pressure - self.deadband_pressure, at.radius, at.braid_angle)
 
 
 def bladder_axial_force(axial_stress: Real, bladder_volume: Real, length: Real) -> RealArray:
-    """Pull [N] of the bladder's own axial stress, sigma_z V / L.
+    """Return the force [N] due to the bladder's axial stress, sigma_z V / L.
 
     Args:
         axial_stress: true stress sigma_z [Pa], positive in tension.
@@ -138,7 +138,7 @@ def bladder_axial_force(axial_stress: Real, bladder_volume: Real, length: Real) 
 def bladder_hoop_force(
     hoop_stress: Real, thickness: Real, length: Real, radius: Real, turns: Real
 ) -> RealArray:
-    """Force [N] of the bladder's hoop stress, -sigma_c t L^2 / (2 pi R N^2).
+    """Return the force [N] due to the bladder's hoop stress, -sigma_c t L^2 / (2 pi R N^2).
 
     Args:
         hoop_stress: true stress sigma_c [Pa], positive in tension.
@@ -159,7 +159,7 @@ def bladder_hoop_force(
 def wall_forces(
     material: AbstractMaterial, at: Dimensions, pressure: Real
 ) -> tuple[RealArray, RealArray]:
-    """Return the pulls [N] of axial and hoop stress, broadcast shape; nan where the law is undefined.
+    """Return the forces [N] due to axial and hoop stress, broadcast shape; nan where the law is undefined.
 
     Args:
         material: stress law of the bladder.
@@ -180,7 +180,7 @@ def wall_forces(
 
 
 class BladderWall(AbstractForceTerm):
-    """Axial and hoop force of the bladder, sigma_z V / L - sigma_c t L^2 / (2 pi R N^2).
+    """The bladder's force from axial and hoop stress, sigma_z V / L - sigma_c t L^2 / (2 pi R N^2).
 
     Stresses that vary along the axis are replaced by their axial mean.
 
@@ -194,22 +194,22 @@ class BladderWall(AbstractForceTerm):
     material: AbstractMaterial
 
     def force(self, at: Dimensions, pressure: Real) -> RealArray:
-        """Pull [N] of the bladder, broadcast shape; negative where it resists."""
+        """Return the bladder's force [N], broadcast shape; negative where it resists."""
         axial, hoop = wall_forces(self.material, at, pressure)
         return axial + hoop
 
 
 class VirtualWork(AbstractForceTerm):
-    """The pressure's pull by virtual work, -(P - P_d) dV/dL, for any outline.
+    """The force due to the pressure by virtual work, -(P - P_d) dV/dL, for any outline.
 
     dV/dL is the derivative of the geometry's own volume at constant pressure.
 
-    Elastic threads store a part of the work P dV. With their energy U, F = -P dV/dL + dU/dL, and at
+    Elastic threads store part of the work P dV. With their energy U, F = -P dV/dL + dU/dL, and at
     equilibrium dU = P (dV/dB) dB. The force then follows from the rate at constant B,
 
     dV/dL - (dV/dB) dB/dL,  dV/dB = 2 B V / (B^2 - L^2),
 
-    because the stretch scales every diameter with sqrt(B^2 - L^2).
+    because the stretch scales every diameter in proportion to sqrt(B^2 - L^2).
 
     Attributes:
         deadband_pressure: P_d [Pa], pressure below which the muscle does not act.
@@ -227,15 +227,15 @@ class VirtualWork(AbstractForceTerm):
     uses_rates: ClassVar[bool] = True
 
     def force(self, at: Dimensions, pressure: Real) -> RealArray:
-        """Pull [N] of the pressure, broadcast shape.
+        """Return the force [N] due to the pressure, broadcast shape.
 
         Raises:
-            ValueError: the dimensions contain no rates, or no thread length although required.
+            ValueError: the dimensions lack rates, or lack a thread length that is required.
         """
         if at.rates is None or (self.at_thread_length and at.thread_length is None):
             raise ValueError(
-                "virtual work needs the rate of the volume, from geometry.dimensions_with_rates, and at "
-                "constant thread length a geometry whose dimensions have a thread_length"
+                "virtual work needs the rate of the volume, from geometry.dimensions_with_rates; with "
+                "at_thread_length, it also needs a geometry whose dimensions have a thread_length"
             )
         rate = at.rates.volume
         if self.at_thread_length:

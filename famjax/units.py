@@ -1,4 +1,4 @@
-"""Multipliers to SI: `100 * units.PSI` is a pressure in Pa, `force / units.LBF` a force in pound-force.
+"""Conversion factors to SI: `100 * units.PSI` is a pressure in Pa, `force / units.LBF` a force in lbf.
 
 All values are exact by definition of the units (NIST SP 811, 2008, appendix B).
 """

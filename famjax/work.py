@@ -1,4 +1,4 @@
-"""Work along an isobar: work on the load and its sources."""
+"""Work along an isobar: the work on the load, and its sources."""
 
 import functools
 from typing import Any
@@ -18,12 +18,12 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(64)
 
 
 class WorkBudget(eqx.Module):
-    """Work [J] of a stroke at constant pressure; every field has the broadcast shape.
+    """Work [J] done in a stroke at constant pressure; every field has the broadcast shape.
 
     Attributes:
         load: work -int F dL on the load; positive if the muscle shortens and pulls.
-        fluid: work int P dV of the fluid on the muscle.
-        stored: change of the energy stored in bladder and threads.
+        fluid: work int P dV done by the fluid on the muscle.
+        stored: change in the energy stored in bladder and threads.
         bulk: volume [m3] within the outline at the start of the stroke.
     """
 
@@ -34,32 +34,32 @@ class WorkBudget(eqx.Module):
 
     @property
     def left_over(self) -> RealArray:
-        """Work of the fluid minus work on load and rubber; negative if the model creates energy."""
+        """Work done by the fluid minus work on load and rubber; negative if the model creates energy."""
         return self.fluid - self.stored - self.load
 
     @property
     def efficiency(self) -> RealArray:
-        """Work on the load divided by the work of the fluid."""
+        """Work on the load divided by the work done by the fluid."""
         return self.load / self.fluid
 
     @property
     def density(self) -> RealArray:
-        """Work on the load per muscle volume [J/m3]."""
+        """Work on the load per unit muscle volume [J/m3]."""
         return self.load / self.bulk
 
 
 def work_budget(muscle: AbstractMuscle, pressure: Real, start: Real, end: Real) -> WorkBudget:
-    """Compute the work budget of a stroke at constant pressure.
+    """Compute the work budget for a stroke at constant pressure.
 
-    In a muscle at equilibrium without losses, all work of the fluid goes into load, bladder and
-    threads. A positive remainder is friction or a deadband. A negative remainder means that the force
-    does work without a source, as Gaylord's term, derived for a cylinder, does on a measured shape.
+    In a muscle at equilibrium without losses, all the fluid's work goes into load, bladder and threads.
+    A positive remainder indicates friction or a deadband. A negative remainder means that the force does
+    work without a source. Gaylord's term, derived for a cylinder, does this on a measured shape.
 
     Args:
         muscle: a `Muscle` with a geometry and a bladder law, or an `EquilibriumMuscle`.
         pressure: gauge pressure P [Pa].
         start: active length L [m] at the start of the stroke.
-        end: active length [m] at its end, such as `length_at_load(0, pressure)`.
+        end: active length [m] at the end of the stroke, such as `length_at_load(0, pressure)`.
 
     Returns:
         The budget; nan where the stroke leaves the range of the geometry.
@@ -109,7 +109,7 @@ def _work(
 
 
 def _rates(muscle: Muscle, pressure: RealArray, length: RealArray) -> tuple[RealArray, RealArray]:
-    """Force [N], and rate dU/dL [N] of the energy stored in bladder and threads."""
+    """Return the force [N], and the rate dU/dL [N] of the energy stored in bladder and threads."""
     at = muscle.geometry.dimensions_with_rates(length, pressure)
     rate: Any = at.rates
     stresses = muscle.material.stresses(at.axial_strain[None], at.hoop_strain, pressure)

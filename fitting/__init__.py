@@ -1,8 +1,8 @@
-"""Identification of fluidic artificial muscles: data with units in, a certified model out.
+"""Identify fluidic artificial muscles: data with units in, a certified model out.
 
-Start with `read_csv` or `load_bundled` and `identify`; `validate`, `profile` and `bootstrap` say how
-far the result can be trusted, `compare` sets it beside the published models. `fitting.records`
-turns raw tests into force maps and moduli.
+Start with `read_csv` or `load_bundled`, then `identify`. `validate`, `profile` and `bootstrap` show how
+far the result can be trusted, and `compare` compares it with published models. `fitting.records`
+converts raw test records to force maps and hysteresis models.
 """
 
 import lazy_loader

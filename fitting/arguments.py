@@ -11,7 +11,7 @@ import numpy as np
 from famjax.boundary.errors import InputError
 
 _SHOWN = 60
-"""Longest value that a message shows in full."""
+"""Number of characters up to which a message shows a value in full."""
 
 
 def is_number(value: Any) -> bool:
@@ -54,11 +54,11 @@ def check_numbers(name: str, values: Any) -> np.ndarray:
     try:
         return np.asarray(values, float)
     except (TypeError, ValueError):
-        raise InputError(f"{name} must hold numbers, got {shown(values)}") from None
+        raise InputError(f"{name} must contain numbers, got {shown(values)}") from None
 
 
 def check_pair(name: str, pair: Any, what: str) -> tuple[float, float]:
-    """Return two numbers, such as bounds.
+    """Return a pair of numbers, such as bounds.
 
     Raises:
         InputError: the pair does not consist of two numbers.
@@ -70,7 +70,7 @@ def check_pair(name: str, pair: Any, what: str) -> tuple[float, float]:
 
 
 def check_mapping(name: str, given: Any, holds: str) -> None:
-    """Refuse an argument that is neither a mapping nor None.
+    """Reject an argument that is neither a mapping nor None.
 
     Raises:
         InputError: the argument has another type.
@@ -80,7 +80,7 @@ def check_mapping(name: str, given: Any, holds: str) -> None:
 
 
 def check_names(name: str, given: Any) -> tuple[str, ...]:
-    """Return a sequence of names as a tuple; a single string is refused as a likely mistake.
+    """Return a sequence of names as a tuple; a single string is rejected as a likely mistake.
 
     Raises:
         InputError: the argument is a string, or an item is not a string.
@@ -105,7 +105,7 @@ def check_path(name: str, given: Any) -> Path:
 
 
 def shown(value: object) -> str:
-    """Return the text that shows a value in a message; for long values, its type."""
+    """Return a value as text for a message; for a long value, return its type."""
     text = repr(value)
     plain = "\n" not in text and len(text) <= _SHOWN
     kind = type(value).__name__

@@ -1,16 +1,17 @@
-"""Compute error bands of predictions from held-out readings and parameter errors.
+"""Compute error bands for predictions from held-out readings and parameter errors.
 
 The unknown model error is treated as a smooth function of length (and of pressure) that is zero, to
 within the noise, at measured levels. Elsewhere its variance is the error variance of a natural cubic
-spline (kriging with the generalised covariance |h|^3 and a linear drift) times one scale (`model_error`).
+spline (kriging with the generalised covariance |h|^3 and a linear drift) times a scale (`model_error`).
 The scale is estimated from held-out levels, combined with a prior common to all muscles because three or
-four levels provide little information. Readings at one length share their error, so lengths are counted as
-independent, and the interval is Student's. The disagreement of models that fit equally well is added
-(`disagreement`).
+four levels provide little information. Readings at one length share their error, so each length counts as
+one independent observation, and the interval follows Student's t. The disagreement between models that
+fit equally well is added (`disagreement`).
 
-Parameter errors follow linear theory (delta method). With J the derivatives of the muscle's numbers in the
-identified parameters and C their covariance, J C J^T is the covariance of the numbers (`muscle_spread`). It
-is stored as the columns of a root: independent directions, each one standard deviation long.
+Parameter errors follow linear theory (delta method). Let J be the derivatives of the muscle's numbers
+with respect to the identified parameters, and C the covariance of these parameters. Then J C J^T is the
+covariance of the numbers (`muscle_spread`). It is stored as the columns of a square root: independent
+directions, each one standard deviation long.
 
 References:
     Cressie 1993, Statistics for Spatial Data, section 5.4 (splines as kriging).
@@ -37,19 +38,19 @@ from .result import Identification
 from .validation import Bootstrap, LeftOut
 
 Column: TypeAlias = Float[np.ndarray, " n"]
-"""Values of any number of states."""
+"""Values at any number of states."""
 
 PRIOR_SCALE = 0.08
-"""Prior scale of the error along the length, relative to the largest force. A law that fits to 1 %
-typically misses lengths outside its map by a few per cent."""
+"""Prior scale of the error over length, relative to the largest force. A law that fits to within 1 % is
+typically wrong by a few per cent at lengths outside its map."""
 
 PRIOR_FREEDOM = 1.5
 """Number of held-out lengths to which the prior is equivalent."""
 
 _MOST_LEVELS = 128  # of a kind, with which an error between levels is estimated
 DISAGREEMENT = 1.75
-"""Half-width that disagreement adds to the band, per root mean square difference to models that fit
-equally well. Two of these may be off to the same side."""
+"""Half-width added to the band, relative to the root mean square difference from models that fit equally
+well. Two such models may err in the same direction."""
 
 FLOOR = 0.002
 """Smallest half-width of a band, relative to the largest force."""
@@ -61,7 +62,7 @@ class Along:
 
     Attributes:
         levels: measured levels [m or Pa], ascending.
-        scale: standard deviation [N] where the spline's is 1.
+        scale: standard deviation [N] where that of the spline is 1.
         freedom: degrees of freedom of the scale: held-out levels plus those of the prior.
     """
 
@@ -70,7 +71,7 @@ class Along:
     freedom: float
 
     def variance(self, at: Column) -> Column:
-        """Variance [N^2] at lengths or pressures."""
+        """Variance [N^2] at the given lengths or pressures."""
         return self.scale**2 * spline_variance(self.levels, np.asarray(at, float))
 
 
@@ -90,7 +91,7 @@ class ModelError:
     floor: float
 
     def std(self, length: Column, pressure: Column) -> Column:
-        """Standard deviation [N] of a reading about its prediction, without disagreement of models."""
+        """Standard deviation [N] of a reading about its prediction, without disagreement between models."""
         added = self.length.variance(length) + self.pressure.variance(pressure)
         return np.sqrt(self.noise**2 + added)
 
@@ -103,19 +104,19 @@ class ModelError:
     def half_band(
         self, length: Column, pressure: Column, disagreement: Column | float = 0.0
     ) -> Column:
-        """Half-width [N] of the 95 % band of single readings.
+        """Half-width [N] of the 95 % band for single readings.
 
         Args:
             length: active lengths [m].
             pressure: gauge pressures [Pa].
-            disagreement: root mean square difference [N] to models that fit equally well.
+            disagreement: root mean square difference [N] from models that fit equally well.
         """
         own = self.factor() * self.std(length, pressure)
         return np.hypot(own, DISAGREEMENT * np.asarray(disagreement) + self.floor)
 
     @property
     def narrowest(self) -> float:
-        """Half-width [N] of the 95 % band at measured states, where the model is known best."""
+        """Half-width [N] of the 95 % band at measured states, where the model is best known."""
         return math.hypot(self.factor() * self.noise, self.floor)
 
     @property
@@ -124,12 +125,14 @@ class ModelError:
         along = {"lengths": self.length, "pressures": self.pressure}
         judged = [name for name, one in along.items() if one.freedom > PRIOR_FREEDOM]
         seen = (
-            f"seen on {' and '.join(judged)} left out" if judged else "assumed from other muscles"
+            f"estimated from held-out {' and '.join(judged)}"
+            if judged
+            else "assumed from other muscles"
         )
-        few = "" if "lengths" in judged else ". With so few lengths, that in length is assumed"
-        grows = "it grows with the distance from the measured states"
+        few = "" if "lengths" in judged else ". With few lengths, the error over length is assumed"
+        grows = "it grows with distance from the measured states"
         included = f"the noise of the readings, the model error {seen} ({grows})"
-        alike = "the disagreement of models that fit equally well"
+        alike = "the disagreement between models that fit equally well"
         return f"single readings. They include {included}, and {alike}{few}"
 
     def as_dict(self) -> dict[str, Any]:
@@ -159,7 +162,7 @@ def model_error(
 
     Args:
         data: the map.
-        residual: prediction minus reading [N] at the loaded readings, in sample.
+        residual: in-sample prediction minus reading [N] at the loaded readings.
         left_out: held-out errors by "length" and "pressure", if available.
         unknowns: number of fitted parameters.
     """
@@ -238,14 +241,14 @@ def pull(
     *,
     rest_length: float | None = None,
 ) -> tuple[Column, Column]:
-    """Forces measured by the rig [N], with standard errors [N] by linear theory; nan where there is none.
+    """Forces that the rig measures [N], with standard errors [N] from linear theory; nan where undefined.
 
     Args:
         mounted: the identified muscle in its rig.
         spread: from `muscle_spread`; None if the errors are unknown.
         length: active lengths [m] as measured by the rig.
         pressure: gauge pressures [Pa].
-        rest_length: L0 [m] of another muscle, see `famjax.cut_to_length`.
+        rest_length: L0 [m] of a muscle cut to another length, see `famjax.cut_to_length`.
 
     Raises:
         ValueError: the muscle cannot be cut to another length.
@@ -258,7 +261,7 @@ def pull(
 
 
 def force_of(mounted: famjax.MountedMuscle, length: Column, pressure: Column) -> Column:
-    """Force measured by the rig [N] at lengths [m] and pressures [Pa]; nan where there is none."""
+    """Force that the rig measures [N] at lengths [m] and pressures [Pa]; nan where undefined."""
     muscle = as_arrays(mounted if np.asarray(mounted.compliance).any() else mounted.muscle)
     found = _in_rows(lambda L, P: [_force(muscle, L, P)], length, pressure)
     return found[0] if found else np.zeros(0)
@@ -303,7 +306,7 @@ def muscle_spread(
 
     Args:
         result: an identification. Parameters that are held or at a bound do not vary.
-        drawn: its bootstrap, whose covariance then replaces that of linear theory.
+        drawn: its bootstrap; the bootstrap covariance then replaces that from linear theory.
 
     Returns:
         One row for each independent direction, over the concatenated arrays of `result.mounted`; no rows
@@ -319,7 +322,7 @@ def muscle_spread(
 
 
 def numbers_by_parameters(result: Identification) -> Float[np.ndarray, "numbers p"]:
-    """Derivatives of the mounted muscle's numbers (the rig's last) in parameters and coefficients."""
+    """Derivatives of the mounted muscle's numbers (the rig's last) with respect to all unknowns."""
     problem, point = result.problem, result.end.point
     part, q = problem.parts[result.place], len(problem.names)
     slope = report_of(part, point, result.place).d_numbers
@@ -334,7 +337,7 @@ def numbers_by_parameters(result: Identification) -> Float[np.ndarray, "numbers 
 
 
 def _root(covariance: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p directions"]:
-    """R with R R^T = C; rows without variance are zero."""
+    """Return R with R R^T = C; rows without variance are zero."""
     std = np.nan_to_num(np.sqrt(np.diag(covariance)))
     scale = np.outer(std, std)
     correlation = np.where(scale > 0, covariance / np.where(scale > 0, scale, 1.0), 0.0)
@@ -350,7 +353,7 @@ TELLING = 0.03
 def disagreement(
     force: Column, alike: Collection[famjax.MountedMuscle], length: Column, pressure: Column
 ) -> Column:
-    """Root mean square difference [N] between muscles and a force; 0 without muscles.
+    """Root mean square difference [N] between a force and that of other muscles; 0 if there are none.
 
     Args:
         force: force of the predicting model [N].
@@ -377,7 +380,7 @@ def where_they_differ(
         alike: see `disagreement`.
 
     Returns:
-        A sentence with the reading that would settle it; "" if they agree to 3 % of the largest force.
+        A sentence that says where to measure; "" if they agree to within 3 % of the largest force.
     """
     lengths = np.unique(data.lengths.level[data.loaded])
     if not alike or lengths.size < 2:
@@ -397,5 +400,5 @@ def where_they_differ(
         *(Quantity(float(lengths[gap]), "length"), " and "),
         *(Quantity(float(lengths[gap + 1]), "length"), ", most at "),
         Quantity(float(L[worst]), "length", 4),
-        ": readings at one more length there would settle it; until then rely on the band, not the curve.",
+        ". Measure at one more length there; until then, rely on the band, not on the curve.",
     )

@@ -1,4 +1,4 @@
-"""Checks of data and options before an identification starts."""
+"""Check data and options before an identification starts."""
 
 import itertools
 import math
@@ -28,16 +28,18 @@ _ALIKE = 0.5  # decades within which two guesses are equally likely
 def check_law(law: Law, constraint: str) -> None:
     """Check that the options are valid and can be combined."""
     if constraint not in CONSTRAINTS:
-        raise InputError(f"the constraint is one of {', '.join(CONSTRAINTS)}, got {constraint!r}")
+        raise InputError(
+            f"the constraint must be one of {', '.join(CONSTRAINTS)}, got {constraint!r}"
+        )
     of = type(law.material).__name__
     if constraint == "slope" and law.material.directions_interact:
-        raise InputError(f"the two directions of {of} interact: use drucker in place of slope")
+        raise InputError(f"the two directions interact in {of}: use drucker instead of slope")
 
 
 def known_bounds(
     data: ForceData, geometry: famjax.geometries.AbstractGeometry, given: Mapping[str, object]
 ) -> dict[str, tuple[float, float]]:
-    """Return diameter and angle of a known geometry at rest, without pressure, as fixed parameters.
+    """Return diameter and angle of a known geometry at rest, unpressurised, as fixed parameters.
 
     Raises:
         InputError: the rest length differs from the specimen's, or a known parameter has bounds.
@@ -50,7 +52,7 @@ def known_bounds(
     known = {"braid_diameter": 2 * float(at.radius), "braid_angle": float(at.braid_angle)}
     said = [name for name in known if name in given and name not in geometry.declared()]
     if said:
-        raise InputError(f"{said[0]}: the known geometry already defines it: leave out its bounds")
+        raise InputError(f"the known geometry defines {said[0]}: remove the bounds on {said[0]}")
     return {name: (value, value) for name, value in known.items() if name not in given}
 
 
@@ -62,13 +64,13 @@ def check_specimen(
     *,
     censored: bool,
 ) -> None:
-    """Check that parameters match the geometry and the measured lengths, and that priors have a weight."""
+    """Check that parameters suit the geometry and the measured lengths, and that priors can be weighted."""
     cylinder = KINDS.keys() - standard_table(data.specimen).keys()
     named = sorted(cylinder & table.keys() - source.declared.keys())
     if named and getattr(source, "known", None) is not None:
-        raise InputError(f"a known geometry has no {' or '.join(named)}: leave it out")
+        raise InputError(f"a known geometry has no {' or '.join(named)}: remove this parameter")
     if "braid_compliance" in named and getattr(source, "thread", None) is not None:
-        raise InputError("braid_compliance is for threads without a law: this geometry has one")
+        raise InputError("remove braid_compliance: the threads of this geometry already have a law")
     if censored and "series_compliance" in table:
         raise InputError("censored readings cannot be combined with series_compliance")
     _check_lengths(data, table)
@@ -76,11 +78,12 @@ def check_specimen(
     if noise is not None and not (is_number(noise) and 0 < noise < math.inf):
         raise InputError(f"the noise of a reading must be a force > 0 in N, got {noise!r}")
     if noise is not None and data.force_std is not None:
-        raise InputError("the readings have a force_std of their own: leave noise out")
+        raise InputError("the readings already have a force_std: omit noise")
     if priors and noise is None and data.force_std is None:
         raise InputError(
-            f"the prior of {', '.join(priors)} is weighted against the force noise, which is unknown: give "
-            "noise, the standard deviation of a reading in N (--error noise_N=1.5), or a column force_std"
+            f"the prior of {', '.join(priors)} is weighted against the force noise, which is unknown: set "
+            "noise, the standard deviation of a reading in N (--error noise_N=1.5), or add a column "
+            "force_std"
         )
 
 
@@ -95,18 +98,18 @@ def _check_lengths(data: ForceData, table: Mapping[str, Entry]) -> None:
     gives = any(table[n].max > 0 for n in ("braid_compliance", "series_compliance") if n in table)
     if data.length[long] >= longest:
         reading = int(long)
-        said = f"longer than its thread, {longest * 1e3:.5g} mm"
+        said = f"which exceeds the thread length, {longest * 1e3:.5g} mm"
     elif not gives and data.length[short] <= shortest:
         reading = int(short)
         said = (
-            f"a contraction of {1 - data.length[short] / rest:.3f}, but no braid of at most "
-            f"{math.degrees(steepest):.4g} deg pulls when shorter than {shortest * 1e3:.5g} mm"
+            f"a contraction of {1 - data.length[short] / rest:.3f}, but a braid of at most "
+            f"{math.degrees(steepest):.4g} deg does not pull at lengths below {shortest * 1e3:.5g} mm"
         )
     else:
         return
     raise InputError(
-        f"reading {reading + 1} has the length {data.length[reading] * 1e3:.5g} mm, {said} (rest length "
-        f"{rest * 1e3:.5g} mm). Check both and their units, and that all readings are of one muscle"
+        f"reading {reading + 1} has a length of {data.length[reading] * 1e3:.5g} mm, {said} (rest length "
+        f"{rest * 1e3:.5g} mm). Check both and their units, and that all readings are from one muscle"
         f"{_likely_length_fault(data)}"
     )
 
@@ -124,7 +127,7 @@ def check_count(data: Sequence[ForceData], law: Law, table: Mapping[str, Entry])
     if readings < geometry + laws:
         raise InputError(
             f"{readings} loaded readings cannot determine {geometry + laws} parameters "
-            f"({geometry} of the geometry, {laws} coefficients): measure more, or fix parameters"
+            f"({geometry} of the geometry, {laws} coefficients): take more readings, or fix some parameters"
         )
     strained = sum(np.unique(one.lengths.level[one.strained]).size for one in data)
     if laws and strained < law.order and not law.material.depends_on_pressure:
@@ -172,23 +175,24 @@ def check_solvable(problem: Problem, data: Sequence[ForceData]) -> None:
     if lost.size:
         lengths = np.concatenate([part.inputs.length for part in problem.parts])
         raise InputError(
-            f"there is no force at the loaded reading {lost[0] + 1} (length {lengths[lost[0]] * 1e3:.5g} "
-            "mm): the bladder does not fit in the braid, the length cannot be reached or was not measured, "
-            "or a law or term is no number. Check wall_thickness, nominal_diameter and bladder_diameter of "
-            "the specimen (diameters, not radii), its rest length, their units, and terms of your own"
+            f"the force is undefined (nan) at loaded reading {lost[0] + 1} (length "
+            f"{lengths[lost[0]] * 1e3:.5g} mm): the bladder does not fit in the braid, the length cannot "
+            "be reached or was not measured, or a law or term returns nan. Check the specimen's "
+            "wall_thickness, nominal_diameter and bladder_diameter (diameters, not radii), its rest "
+            "length, their units, and your own terms"
             f"{_likely_length_fault(data[0])}"
         )
     if not np.isfinite(point.G).all():
         raise InputError(
-            "the constraint cannot be posed: the actuation path, which includes slack readings, leaves the "
-            "range of the geometry. Leave out shorter readings, or use --constraint none"
+            "the constraint cannot be evaluated: the actuation path, which includes slack readings, leaves "
+            "the range of the geometry. Remove readings at shorter lengths, or use --constraint none"
         )
     if point.status in {Status.RANK_DEFICIENT, Status.INFEASIBLE}:
         raise InputError(point.status.message)
 
 
 def _likely_length_fault(data: ForceData) -> str:
-    """Return ". It looks as if" and the likely unit of lengths or rest length, or ""."""
+    """Return ". It looks as if" and the likely mistake in a unit of length, or ""."""
     rest, length = data.specimen.rest_length, data.length[data.loaded]
     known, said = UNITS["length"], data.units.get("length", "mm")
     words = {unit: unit for unit in known} | {"in": "inches"}

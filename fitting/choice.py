@@ -1,4 +1,4 @@
-"""`choose`: the family with the best predictions of held-out readings."""
+"""`choose`: select the family that best predicts held-out readings."""
 
 import contextlib
 import dataclasses
@@ -38,23 +38,23 @@ from .search import check_objective
 from .series import FROM_ONE, accounts
 from .validation import LeftOut, levels_of_groups
 
-_NO_FORCE = "no family of the ladder has a force at every reading: narrow the bounds"
+_NO_FORCE = "in every family, the force is undefined (nan) at some reading: narrow the bounds"
 _COMPARED = 4  # starts of each family
 _HOPELESS = 4.0  # times the least RMSE in sample: nothing is left out of such a family
 
 
 @dataclasses.dataclass(frozen=True)
 class Choice:
-    """The model of a map, chosen by cross-validation.
+    """The model for a map, chosen by cross-validation.
 
     Attributes:
         data: the map.
-        chosen: the identification of the chosen family, which makes the predictions; its outlook has
-            the error of these, the families that fit the data alike, and muscles of other lengths.
-        tried: all families, that of the choice first, the others by their held-out errors.
-        dropped: families that were left out and other remarks on the choice, in sentences.
-        open_question: a sentence on where families that fit alike differ by more than the map can settle,
-            and which readings would; "" where they agree.
+        chosen: identification of the chosen family, used for predictions; its outlook contains the
+            prediction error, the families that fit the data equally well, and muscles of other lengths.
+        tried: all families: the chosen one first, then the others in order of held-out error.
+        dropped: sentences on families that were left out, and other remarks on the choice.
+        open_question: a sentence on where families that fit equally well differ, and which further
+            readings would decide between them; "" if they agree.
     """
 
     data: ForceData
@@ -68,14 +68,14 @@ class Choice:
 
     @property
     def error(self) -> ModelError:
-        """Prediction error, from held-out readings."""
+        """Prediction error, estimated from held-out readings."""
         error = self.chosen.outlook.error
         assert error is not None
         return error
 
     @property
     def alike(self) -> Mapping[str, famjax.MountedMuscle]:
-        """The muscles of the other families that fit the data equally well, by name."""
+        """Muscles of the other families that fit the data equally well, by name."""
         return self.chosen.outlook.alike
 
     @property
@@ -85,26 +85,26 @@ class Choice:
 
     @property
     def left_out(self) -> Mapping[str, LeftOut]:
-        """Errors of the chosen family, by "pressure" and by "length"."""
+        """Held-out errors of the chosen family, by "pressure" and "length"."""
         return self.tried[0].left_out
 
     @property
     def clear(self) -> str:
-        """One sentence about how clear the choice was."""
+        """Explanation of how clear the choice was."""
         first, *others = self.tried
         if not others:
             return f"Only {self.name} could be tried: the map is too small for more."
         near = [one.candidate.name for one in others if one.held_out <= NEAR * first.held_out]
-        found = f"{self.name} predicts readings left out best."
+        found = f"{self.name} predicts held-out readings best."
         if near:
             found = (
-                f"Not clear: {' and '.join(near)} and {self.name} predict readings left out about "
+                f"Not clear: {' and '.join(near)} and {self.name} predict held-out readings about "
                 f"equally well; {self.name} is kept."
             )
         if self.alike:
             found += (
-                f" The RMSE of {', '.join(self.alike)} is within {ALIKE:g} times the smallest: the error "
-                "band covers what these models disagree about."
+                f" The RMSE of {', '.join(self.alike)} is at most {ALIKE:g} times the smallest: the error "
+                "band includes the disagreement between these models."
             )
         return found
 
@@ -124,7 +124,7 @@ class Choice:
     def half_band(
         self, length: Float[np.ndarray, " n"], pressure: Float[np.ndarray, " n"]
     ) -> Float[np.ndarray, " n"]:
-        """Half the width [N] of the 95 % band of single readings at lengths [m] and pressures [Pa]."""
+        """Half-width [N] of the 95 % band for single readings at lengths [m] and pressures [Pa]."""
         force = self.predict(length, pressure)
         return self.error.half_band(
             length, pressure, disagreement(force, self.alike.values(), length, pressure)
@@ -144,11 +144,11 @@ def choose(
     seed: int = 0,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> Choice:
-    """Choose the model of a force map from a ladder of families by cross-validation.
+    """Choose the model for a force map from a ladder of families by cross-validation.
 
     Each family is fitted to all readings, and again without each length and without groups of
     neighbouring pressures. The family with the smallest held-out error is chosen. If the map has too few
-    lengths to leave one out, the choice is the first on the ladder within 1.5 times the smallest error.
+    lengths to leave one out, the first family on the ladder within 1.5 times the smallest error is chosen.
     Families with more than four times the smallest RMSE are not cross-validated. A family without a
     certified optimum is passed over if another has at most twice its error.
 
@@ -159,7 +159,7 @@ def choose(
         parameters: bounds, held values and priors, which the ladder does not vary.
         noise: standard deviation of one reading [N]; taken from the data if omitted.
         objective: objective for the chosen family.
-        ends: "equilibrium" tries Ogden's law with the shape from mechanics as well, see `identify`.
+        ends: "equilibrium" also tries Ogden's law with the shape from mechanics, see `identify`.
         starts: number of starts for the chosen family; families are compared with at most four.
         seed: random seed for the starts.
         progress: called with (task, steps done, steps).
@@ -179,7 +179,7 @@ def choose(
         raise InputError(
             f"{int(data.loaded.sum())} loaded readings at "
             f"{np.unique(data.lengths.level[data.loaded]).size} lengths cannot determine any model: "
-            "measure the force at two lengths or more, of which one is shorter than the rest length"
+            "measure at two or more lengths, at least one of them shorter than the rest length"
         )
     posed_of(weighed, candidates[0], constraint)  # refused here: it is no muscle
 
@@ -205,7 +205,7 @@ def choose(
         (k for k, one in enumerate(families) if one.rmse <= _HOPELESS * least),
         key=lambda k: families[k].candidate.rig,
     )
-    errors = left_out_of([families[k] for k in judged], seed, tell("leaving readings out"))
+    errors = left_out_of([families[k] for k in judged], seed, tell("cross-validating"))
     left_out = dict(zip(judged, errors, strict=True))
     tried = ranked(
         [(one.candidate, one.rmse, left_out.get(k)) for k, one in enumerate(families)],
@@ -235,8 +235,8 @@ def choose(
     part = families[place].problem.force.size
     if part < (whole := families[place].posed.problem.force.size):
         dropped += (
-            f"{part} of {whole} readings, spread evenly, served to choose the model and for the held-out "
-            "errors. The model is fitted to all.",
+            f"{part} of {whole} readings, spread evenly, were used to choose the model and to compute the "
+            "held-out errors. The model was fitted to all readings.",
         )
     dropped += tuple(f"{name} was not kept: its fit did not converge." for name in passed)
     winner, chosen = tried[place], fits[place]
@@ -262,7 +262,7 @@ def choose(
 
 
 def weigh(data: ForceData, noise: float | None = None) -> ForceData:
-    """The map with the model error added to the standard deviations of its readings.
+    """Return the map with the model error added to the standard deviations of its readings.
 
     Args:
         data: the map.
@@ -274,11 +274,11 @@ def weigh(data: ForceData, noise: float | None = None) -> ForceData:
 
 
 _HEADER = {
-    "pressure": "pressures out",
-    "interior length": "interior lengths out",
-    "end length": "end lengths out",
+    "pressure": "held-out pressures",
+    "interior length": "held-out interior lengths",
+    "end length": "held-out end lengths",
 }
-"""Columns of held-out errors, those that there are."""
+"""Headers of the columns with held-out errors, by kind."""
 
 
 def choice_as_dict(choice: Choice) -> dict[str, Any]:
@@ -306,7 +306,7 @@ def choice_as_dict(choice: Choice) -> dict[str, Any]:
 
 
 def choice_table(choice: Choice, system: str) -> tuple[str, tuple[str, ...], list[tuple[str, ...]]]:
-    """Title, header and rows of text: the chosen family, then the others by their held-out errors."""
+    """Return title, header and text rows: the chosen family, then the others by held-out error."""
     unit = unit_system(system)["force"]
 
     def force(value: float) -> str:
@@ -317,31 +317,31 @@ def choice_table(choice: Choice, system: str) -> tuple[str, tuple[str, ...], lis
         (
             one.candidate.name, str(one.candidate.unknowns), force(one.rmse),
             *(force(one.columns.get(kind, np.inf)) for kind in kinds), force(one.held_out),
-            "chosen" if one is choice.tried[0] else "fits alike" * one.alike,
+            "chosen" if one is choice.tried[0] else "fits equally well" * one.alike,
         )
         for one in choice.tried
     ]  # fmt: skip
-    title = f"Models tried, RMSE in {unit}. The held-out error is the geometric mean of the columns out."
+    title = f"Models tried, RMSE in {unit}. The held-out error is the geometric mean of held-out columns."
     out = (_HEADER[kind] for kind in kinds)
     return title, ("family", "unknowns", "in sample", *out, "held-out error", ""), rows
 
 
 _STARTS = 4
 MOST = 20
-"""Folds at most."""
+"""Largest number of folds."""
 
 
 @dataclasses.dataclass(frozen=True)
 class NestedValidation(LeftOut):
-    """Errors of a choice on readings that neither the fits nor the choice had seen.
+    """Errors on readings that were used neither for the fits nor for the choice.
 
-    One "pressure" or one "length" was left out after another; neighbouring ones together, where there
-    are many.
+    Each "pressure" or each "length" was left out in turn; if there are many, neighbouring ones were left
+    out together.
 
     Attributes:
         inside: whether each reading lies within the 95 % band of its prediction.
         width: full width [N] of that band.
-        names: of the family that was chosen without each group.
+        names: family chosen without each group.
     """
 
     inside: Bool[np.ndarray, " points"]
@@ -350,7 +350,7 @@ class NestedValidation(LeftOut):
 
     @property
     def covered(self) -> float:
-        """Part of the readings inside their 95 % bands."""
+        """Fraction of the readings inside their 95 % bands."""
         return float(np.mean(self.inside))
 
 
@@ -363,22 +363,22 @@ def validate_choice(
     progress: Callable[[int, int], None] | None = None,
     **options: Any,
 ) -> NestedValidation:
-    """The errors of a choice on pressures or lengths that neither it nor its fits have seen.
+    """Cross-validate a choice on pressures or lengths used neither for its fits nor for the choice.
 
-    Every level costs a choice of its own, five seconds of a core for a hundred readings: two
-    processes pay for four levels already.
+    Every level requires a new choice, which takes one core five seconds for a hundred readings. Two
+    processes save time from four levels upwards.
 
     Args:
         choice: from `choose`.
         groups: "pressure" or "length".
-        most: groups; with more levels neighbouring ones are left out together.
-        executor: what chooses without the levels, each a task: this process, processes or a cluster,
-            see `famjax.boundary.tasks.AnyExecutor`; the numbers are the same.
+        most: largest number of groups; if there are more levels, neighbouring ones are left out together.
+        executor: executor for the repeated choices, each of which is a task, see
+            `famjax.boundary.tasks.AnyExecutor`. It does not affect the results.
         progress: called with (levels done, levels).
-        options: as `choose` was given; a fold has four starts at the most.
+        options: options of the original call to `choose`; each fold uses at most four starts.
 
     Raises:
-        InputError: the executor is gone.
+        InputError: the executor failed.
     """
     options["starts"] = min(options.get("starts", _STARTS), _STARTS)
     data = choice.data
@@ -405,7 +405,7 @@ def _fold(
     options: Mapping[str, Any],
     k: int,
 ) -> dict[str, Any]:
-    """The choice without one group of the loaded readings, and its errors on them."""
+    """Choose without one group of the loaded readings, and return the errors on that group."""
     mine, levels = group == k, data.levels(groups)
     rest = choose(data.part(~np.isin(levels, levels[data.loaded][mine])), **options)
     at = data.length[data.loaded][mine], data.pressure[data.loaded][mine]

@@ -1,6 +1,7 @@
 """Compare published static models and famjax's own on one force map.
 
-Every model, published or not, is a family of parameters and is fitted, refitted and predicted alike.
+Every model, published or not, is a family of parameters. All are fitted, refitted and used to predict in
+the same way.
 """
 
 import dataclasses
@@ -79,7 +80,7 @@ class PeerFit:
         return tuple(np.array(problem.names + problem.linear)[reached].tolist())
 
     def determines(self, kept: Bool[np.ndarray, " points"]) -> bool:
-        """True if these readings determine the predictions of the others."""
+        """True if these readings determine the predictions at the others."""
         _, jacobian, _ = joint_derivatives(self.end.point)
         columns = jacobian[: kept.size]
         size = np.linalg.norm(columns[kept], axis=0)
@@ -97,13 +98,14 @@ def fit_peer(
     """Fit a published model to the loaded readings of a map by least squares.
 
     Args:
-        name: one of `peer_families(data)`, or a family of your own.
+        name: one of `peer_families(data)`, or your own family.
         data: the force map. Readings are weighted by 1/std, if given.
         starts: number of starts.
-        seed: seed of the starts.
+        seed: random seed for the starts.
 
     Raises:
-        InputError: an unknown name, no starts, too few readings, or a model without force at a reading.
+        InputError: the name is unknown, there are no starts or too few readings, or the force is undefined
+            (nan) at some reading.
         RuntimeError: float64 is off.
     """
     check_float64()
@@ -116,7 +118,7 @@ def fit_peer(
     if points < needed:
         raise InputError(
             f"{family.label} has {needed} parameters, but the map has {points} loaded readings: "
-            "give more readings, or choose a peer with fewer parameters"
+            "take more readings, or choose a peer with fewer parameters"
         )
     problem, searched = _posed(family, data), len(family.searched)
     begin = latin_hypercube(searched, starts if searched else 1, seed)
@@ -124,14 +126,14 @@ def fit_peer(
         best = best_of(descend_all(problem, begin))
     except InputError:
         raise InputError(
-            f"{family.label} has no finite force at some reading from any start: it may not hold for a "
-            "muscle longer than its rest length; check lengths and rest length"
+            f"from every start, the force of {family.label} is undefined (nan) at some reading: the model "
+            "may not apply to a muscle longer than its rest length; check the lengths and the rest length"
         ) from None
     return PeerFit(family, problem, best)
 
 
 def _posed(family: ModelFamily, data: ForceData) -> Problem:
-    """Pose the fit of a model to the loaded readings of a map.
+    """Set up the fit of a model to the loaded readings of a map.
 
     Raises:
         InputError: the force is not affine in the parameters declared linear.
@@ -164,7 +166,7 @@ class _Fit:
     Attributes:
         n_parameters, at_bound, notes: see `ComparisonRow`.
         error: prediction minus reading [N] at the loaded readings.
-        left_out: returns the held-out errors of "pressure" or "length".
+        left_out: returns the held-out errors for "pressure" or "length".
     """
 
     n_parameters: int
@@ -175,7 +177,7 @@ class _Fit:
 
 
 def _chosen(data: ForceData, starts: int, seed: int) -> _Fit:
-    """The automatic choice, repeated without each length and each of eight groups of pressures."""
+    """Make the automatic choice; repeat it without each length and each of eight groups of pressures."""
     choice = choose(data, starts=starts, seed=seed)
     result = choice.chosen
     return _Fit(
@@ -183,16 +185,16 @@ def _chosen(data: ForceData, starts: int, seed: int) -> _Fit:
         lambda kind: validate_choice(
             choice, kind, most=8 if kind == "pressure" else MOST, starts=_STARTS, seed=seed
         ),
-        result.stopped, (f"it chose: {choice.name}",),
+        result.stopped, (f"chosen family: {choice.name}",),
     )  # fmt: skip
 
 
 def _identified(data: ForceData, starts: int, seed: int, options: Mapping[str, Any]) -> _Fit:
-    """A muscle fitted by `identify`."""
+    """Fit a muscle with `identify`."""
     result = identify(data, starts=starts, seed=seed, **options)
     notes = () if result.converged else ("the fit did not converge",)
     if not np.isfinite(result.errors.rmse):
-        notes += ("the model has no force at some readings",)
+        notes += ("the model's force is undefined (nan) at some readings",)
     return _Fit(
         result.n_parameters, result.residuals,
         lambda kind: validate(result, kind, starts=_STARTS), result.stopped, notes,
@@ -200,14 +202,14 @@ def _identified(data: ForceData, starts: int, seed: int, options: Mapping[str, A
 
 
 def _of_family(data: ForceData, starts: int, seed: int, family: ModelFamily) -> _Fit:
-    """A model with declared parameters."""
+    """Fit a model with declared parameters."""
     fit = fit_peer(family, data, starts=starts, seed=seed)
     notes = () if fit.end.converged else ("the best descent did not converge",)
 
     def left_out(kind: str) -> LeftOut:
         level = data.left_out_as(kind)[data.loaded]
         if not all(fit.determines(level != one) for one in np.unique(level)):
-            raise InputError("the other readings do not determine its predictions")
+            raise InputError("the remaining readings do not determine the held-out predictions")
         fits, kinds = [(fit.problem, fit.end.u)], {kind: (None, 8 if family.searched else 1)}
         return leave_out_each(fits, kinds, seed=seed, settled=True, least=2)[0][kind]
 
@@ -220,9 +222,9 @@ _Model: TypeAlias = tuple[str, str, Callable[[ForceData, int, int], _Fit]]
 
 
 def _models(data: ForceData) -> dict[str, _Model]:
-    """All models available for a map by name."""
+    """Return all models available for a map, by name."""
     own = {
-        "famjax_choice": ("famjax, its own choice (nested)", "", _chosen),
+        "famjax_choice": ("famjax, automatic choice (nested)", "", _chosen),
         "famjax_cubic": ("famjax, odd cubic", "", functools.partial(_identified, options={"order": 3})),
         "famjax_ogden": ("famjax, Ogden", "", functools.partial(_identified, options={"law": "ogden"})),
     }  # fmt: skip
@@ -241,7 +243,7 @@ class ComparisonRow:
         name: name of the model.
         label: authors and variant.
         n_parameters: number of fitted parameters.
-        rmse, max_error: errors in sample.
+        rmse, max_error: in-sample errors.
         lopo_rmse: error with each pressure left out in turn.
         lolo_interior_rmse: error with each length left out, without the shortest and longest.
         lolo_rmse: error with each length left out.
@@ -271,7 +273,7 @@ class ComparisonRow:
 
 @dataclasses.dataclass(frozen=True)
 class Comparison:
-    """Comparison table of a force map, sorted by the error on held-out interior lengths.
+    """Comparison table for a force map, sorted by the error on held-out interior lengths.
 
     Attributes:
         data: the force map.
@@ -303,7 +305,7 @@ def compare(
     resume: Path | str | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Comparison:
-    """Compare published models and others on one force map.
+    """Compare published and other models on one force map.
 
     Every model is fitted to all loaded readings, and again without each pressure and each length, which are
     then predicted. The bounds of the peers are wide, see `peer_families`.
@@ -312,8 +314,8 @@ def compare(
         data: the force map.
         models: names of published models or famjax_choice, famjax_cubic, famjax_ogden; all by default.
         own: further models, see `OwnModel`.
-        starts: number of starts of each nonlinear fit.
-        seed: seed of the starts.
+        starts: number of starts for each nonlinear fit.
+        seed: random seed for the starts.
         executor: executor for the models, each of which is a task, see
             `famjax.boundary.tasks.AnyExecutor`.
         resume: JSONL file for finished rows, created if missing, from which an interrupted comparison
@@ -324,7 +326,7 @@ def compare(
         The table. A model that cannot be fitted to this map has a note and no errors.
 
     Raises:
-        InputError: an unknown name, a map with only one pressure or length, a `resume` file of
+        InputError: an unknown name, a map with only one pressure or length, a `resume` file from
             another comparison, or a failed executor.
     """
     check_maps(data)
@@ -338,8 +340,8 @@ def compare(
     for kind in KINDS:
         if np.unique(data.levels(kind)[data.loaded]).size < 2:
             raise InputError(
-                f"leaving out a {kind} needs loaded readings at two or more; all "
-                f"{int(data.loaded.sum())} share one"
+                f"leaving out a {kind} needs loaded readings at two or more {kind}s; all "
+                f"{int(data.loaded.sum())} readings share one {kind}"
             )
     tasks = [*chosen, *(_own_model(one, data) for one in own)]
     names = [one if isinstance(one, str) else one[0] for one in tasks]
@@ -355,7 +357,7 @@ def compare(
 
 
 def _place(row: ComparisonRow) -> tuple[float, float, int]:
-    """Sort key: held-out interior lengths, then in sample, both as printed, then parameters."""
+    """Sort key: error on held-out interior lengths, in-sample error (as printed), number of parameters."""
     out, within = (
         math.inf if math.isnan(one) else float(f"{one:.4g}")
         for one in (row.lolo_interior_rmse, row.rmse)
@@ -364,7 +366,7 @@ def _place(row: ComparisonRow) -> tuple[float, float, int]:
 
 
 def _own_model(given: OwnModel, data: ForceData) -> tuple[str, _Model]:
-    """Name and model of a user's own model.
+    """Return name and table entry of a user's own model.
 
     Raises:
         InputError: an unknown class, or a class that cannot be fitted alone.
@@ -383,7 +385,7 @@ def _own_model(given: OwnModel, data: ForceData) -> tuple[str, _Model]:
         try:
             return path, _as_model(ModelFamily.of(kind.template(**known), path))
         except ValueError as error:
-            raise InputError(f"{path} cannot be fitted by its class alone: {error}") from None
+            raise InputError(f"{path} cannot be fitted from its class alone: {error}") from None
     if issubclass(kind, famjax.materials.AbstractMaterial):
         options: dict[str, Any] = {"law": kind}
     else:
@@ -396,7 +398,7 @@ def _own_model(given: OwnModel, data: ForceData) -> tuple[str, _Model]:
 def _row(
     data: ForceData, starts: int, seed: int, model: str | tuple[str, _Model]
 ) -> dict[str, Any]:
-    """Table row of a model as plain values; a note without errors if it cannot be fitted."""
+    """Return the table row of a model as plain values; a model that cannot be fitted has only a note."""
     name, (label, note, fitted) = (model, _models(data)[model]) if isinstance(model, str) else model
     notes = [note] if note else []
     try:
@@ -409,7 +411,7 @@ def _row(
         try:
             left_out[kind] = fit.left_out(kind)
         except InputError as refused:
-            notes.append(f"without a {kind}: {refused}")
+            notes.append(f"with one {kind} left out: {refused}")
     size, pressure, length = np.abs(fit.error), left_out.get("pressure"), left_out.get("length")
     return dataclasses.asdict(
         ComparisonRow(

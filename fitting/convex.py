@@ -1,17 +1,17 @@
-"""The convex core: least squares under linear inequalities, exact, small and differentiable.
+"""The convex core: an exact, differentiable solver for small least-squares problems with inequalities.
 
     minimise 1/2 |A x - b|^2   subject to   G x >= h
 
 The columns are scaled and the rows compressed by one QR factorisation, A = Q R. In y = R x the optimum is
 the point of a polyhedron nearest to Q^T b. A dual active-set method finds it: it starts at the
-unconstrained optimum, the most violated row enters, and rows whose multiplier would change its sign leave.
-N contains the normals of the active rows. The method keeps the blocks of the inverse of the optimality
+unconstrained optimum, the most violated row enters, and rows whose multiplier would change sign leave.
+N contains the normals of the active rows. The method stores the blocks of the inverse of the optimality
 system,
 
     P = I - N^T (N N^T)^-1 N,   N* = (N N^T)^-1 N,
 
-and updates both by a matrix of rank one for each row that enters or leaves. Derivatives follow from the
-implicit function theorem on the active rows; they are exact if no multiplier is zero. Every function takes
+and updates both with a rank-one matrix for each row that enters or leaves. Derivatives follow from the
+implicit function theorem on the active rows; they are exact if no multiplier is zero. Every function solves
 one problem, in float32 or float64; use `jax.vmap` for a batch.
 
 References:
@@ -45,7 +45,7 @@ def bucket(count: int, least: int = 8) -> int:
 
 
 class Status(enum.IntEnum):
-    """Result of a quadratic programme; `message` gives the remedy."""
+    """Outcome of a quadratic programme; `message` states the remedy."""
 
     OPTIMAL = 0
     RANK_DEFICIENT = 1
@@ -69,8 +69,8 @@ _MESSAGES = {
         "constraint, or one another; widen them or choose a weaker constraint"
     ),
     Status.STALLED: (
-        "the active set kept changing: check the data for columns of very different size, "
-        "or constraint rows that are nearly the same"
+        "the active set kept changing: check the data for columns of very different magnitude, "
+        "or nearly identical constraint rows"
     ),
 }
 
@@ -106,7 +106,7 @@ def solve_qp(
     G: Float[AnyArray, "m n"],
     h: Float[AnyArray, " m"],
 ) -> Optimum:
-    """Minimise 1/2 |A x - b|^2 subject to G x >= h, with a certificate.
+    """Minimise 1/2 |A x - b|^2 subject to G x >= h, and certify the optimum.
 
     Args:
         A: design matrix, any units per column, k >= n.
@@ -115,7 +115,7 @@ def solve_qp(
         h: constraint offsets.
 
     Returns:
-        The optimum. Only `x` is differentiable, in A, b, G and h.
+        The optimum. Only `x` is differentiable, with respect to A, b, G and h.
 
     Raises:
         ValueError: fewer rows than columns in A.
@@ -127,8 +127,8 @@ def solve_qp(
     """
     if A.shape[0] < A.shape[1]:
         raise ValueError(
-            f"A needs at least as many rows as columns, got shape {A.shape}: "
-            "give more data points or fewer coefficients"
+            f"A must have at least as many rows as columns, got shape {A.shape}: "
+            "use more data points or fewer coefficients"
         )
     given: Any = tuple(jnp.asarray(value) for value in (A, b, G, h))
     A, b, G, h = jax.lax.stop_gradient(given)
@@ -194,7 +194,7 @@ def certificate_of(
     multipliers: Float[Array, " m"],
     to_x: Float[Array, "n n"],
 ) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
-    """Return objective, KKT residual and duality gap of a point of the original problem.
+    """Return objective, KKT residual and duality gap at a point of the original problem.
 
     Args:
         A: design matrix.
@@ -276,7 +276,7 @@ def nearest_point(
         return jnp.where(normal @ y - offset < -32 * eps * size, row, -1)
 
     def step(at: NearestPoint) -> NearestPoint:
-        """Let one row enter or leave."""
+        """Let one row enter or leave the active set."""
         normal = G[at.entering]
         image = at.inverse @ normal
         direction, share = image[:n], image[n:]

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 CONDITION_LIMIT = 1e10
-"""No standard errors are given if the condition number of the scaled Jacobian exceeds this limit."""
+"""Standard errors are nan if the condition number of the scaled Jacobian exceeds this limit."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,7 +58,7 @@ def covariance(
     Held parameters therefore contribute no variance; their own entries are nan, never zero.
 
     Args:
-        jacobian: Jacobian of the weighted residual in all parameters.
+        jacobian: Jacobian of the weighted residual with respect to all parameters.
         residual: weighted residual at the optimum.
         active: gradients of the active constraints.
         held: True for parameters at a bound or fixed.
@@ -102,13 +102,13 @@ def free_root(
     active: Float[np.ndarray, "a p"],
     held: Bool[np.ndarray, " p"],
 ) -> tuple[Float[np.ndarray, "p directions"], float]:
-    """Square-root factor of Z (Z^T J^T J Z)^-1 Z^T, and the condition number of the scaled J in Z.
+    """Return a square-root factor of Z (Z^T J^T J Z)^-1 Z^T, and the condition number of the scaled J in Z.
 
     Z spans the directions that held parameters and constraints leave free. The factor is zero, and the
     condition infinite, if J is singular in Z; the condition is nan if no direction is free.
 
     Args:
-        jacobian: Jacobian of the weighted residual in all parameters.
+        jacobian: Jacobian of the weighted residual with respect to all parameters.
         active: gradients of the active constraints.
         held: True for parameters at a bound or fixed.
     """

@@ -1,4 +1,4 @@
-"""Static force maps with their specimen: data class, readers and writers.
+"""Static force maps and their specimens: data class, readers and writers.
 
 Measured pressures and lengths scatter about nominal values. `levels_of` groups them into levels and so
 defines which readings share a pressure or a length.
@@ -34,7 +34,7 @@ COLUMNS = {
     "force": "force", "pressure": "pressure", "length": "length",
     "force_std": "force", "pressure_std": "pressure", "length_std": "length",
 }  # fmt: skip
-"""The columns of a force map and the kind of unit of each."""
+"""Columns of a force map, and the kind of quantity in each."""
 
 _NEEDED = ("force", "pressure", "length")
 _STDS = tuple(name for name in COLUMNS if name.endswith("_std"))
@@ -45,7 +45,7 @@ MOST_APART = 40
 _MAY_BE_ZERO = {"pressure", "pressure_std", "length_std"}
 _HINTS = {
     "pressure": " (gauge pressure, not absolute): subtract the reading of the vented gauge",
-    "length": ": put contractions into a column contraction (fractions) or contraction_% (percent)",
+    "length": ": put contractions in a column named contraction (fractions) or contraction_% (percent)",
 }
 _PUSHES = 3.0  # ratio of push to pull beyond which the sign of the force must be wrong
 _CLEAR = 8.0  # smallest ratio of the gaps between levels to the gaps within a level
@@ -60,10 +60,10 @@ _EXTREMES = 1.5  # largest noise above zero, relative to the noise seen below ze
 
 @dataclasses.dataclass(frozen=True)
 class Levels:
-    """The level of every reading.
+    """Level of every reading.
 
     Attributes:
-        level: mean of the values on the reading's level, or the value itself if all are equal; shape (n,).
+        level: mean of the values at the reading's level, or the value itself if all are equal; shape (n,).
         tolerance: neighbours closer than this share a level; 0 if only equal values do.
         note: remark for the report, or "".
     """
@@ -283,7 +283,7 @@ class ForceData:
         if not self.loaded.any():
             raise InputError(
                 f"all {self.force.size} readings are slack (force <= 0) or at the limit of the load cell: "
-                f"nothing to fit. {check}"
+                f"there is nothing to fit. {check}"
             )
         low, high = float(self.force.min()), self.max_force
         if -low > _PUSHES * high:
@@ -299,7 +299,7 @@ class ForceData:
         first, count = order[starts], np.diff(starts, append=n)
         kept, count = np.sort(first), count[np.argsort(first)]
         note = (
-            f"{n - kept.size} of {n} readings repeat another to the last digit. They are averaged and "
+            f"{n - kept.size} of {n} readings repeat another reading exactly. They are averaged and "
             "weighted by their number. If they are copies, remove them."
         )
         for name in COLUMNS:
@@ -323,7 +323,7 @@ class ForceData:
         return import_extra("pandas", "tables").DataFrame(self._repeated(held))
 
     def to_xarray(self) -> "xarray.Dataset":
-        """Return the columns of `to_pandas` over a dimension `reading`, and the specimen as an attribute.
+        """Return the columns of `to_pandas` over a dimension `reading`, with the specimen as an attribute.
 
         Raises:
             InputError: xarray is not installed.
@@ -372,7 +372,7 @@ class ForceData:
     ) -> "ForceData":
         """Build a force map from an xarray data set; see `from_pandas`.
 
-        Variables over several dimensions, such as length and pressure, give one reading per combination.
+        Variables over several dimensions, such as length and pressure, become one reading per combination.
         If `specimen` is None, it is read from the attribute that `to_xarray` writes.
 
         Raises:
@@ -473,7 +473,7 @@ class ForceData:
 
     @property
     def sha256(self) -> str:
-        """Hash of the SI values and the known specimen, independent of the file format."""
+        """Hash of the SI values and the known specimen data, independent of the file format."""
         lines = [one for one in csv_text(self).splitlines() if not one.startswith("# note")]
         return hashlib.sha256("\n".join(lines).encode()).hexdigest()
 
@@ -546,7 +546,7 @@ def read_csv(
     Args:
         path: the file, an open text stream such as standard input, or a pandas table.
         specimen: the muscle, or fields of `Specimen` in SI that override those in the file.
-        columns: column name of each quantity that cannot be recognised, `{"force": "Kraft [N]"}`; also
+        columns: column name of each quantity that is not recognised, `{"force": "Kraft [N]"}`; also
             `decimal` and `atmosphere`, see `famjax.tables.read_table`.
 
     Returns:
@@ -612,13 +612,13 @@ def _lengths_of_contractions(arrays: dict[str, Any], rest: float | None) -> None
     if rest is None:
         raise InputError(
             "contractions require the rest length: add '# specimen: rest_length_mm = 296' to the "
-            "file, or give --specimen rest_length_mm=296"
+            "file, or use --specimen rest_length_mm=296"
         )
     largest = float(arrays["contraction"].max())
     if largest < _LEAST_CONTRACTION:
         raise InputError(
             f"the largest contraction is {largest:.2%}: the values may be fractions labelled as "
-            'percent. If so, give --column contraction="NAME [-]"'
+            'percent. If so, use --column contraction="NAME [-]"'
         )
     arrays["length"] = rest * (1 - arrays.pop("contraction"))
     if "contraction_std" in arrays:
@@ -702,7 +702,7 @@ def write_csv(data: ForceData, path: str | Path, system: str = "si") -> Path:
 
 
 def check_maps(*data: object) -> None:
-    """Refuse anything that is not a force map, such as the path of a file.
+    """Reject anything that is not a force map, such as a file path.
 
     Raises:
         InputError: an argument is not a `ForceData`.
@@ -711,7 +711,7 @@ def check_maps(*data: object) -> None:
         if not isinstance(one, ForceData):
             raise InputError(
                 f"a force map must be a fitting.ForceData, got {shown(one)}: use fitting.read_csv(path) "
-                "for a file, fitting.load_bundled(name) for a bundled map"
+                "for a file, or fitting.load_bundled(name) for a bundled map"
             )
 
 
@@ -723,7 +723,7 @@ def several_maps(data: Any) -> tuple[ForceData, ...]:
     """
     if isinstance(data, ForceData):
         raise InputError(
-            "force maps must be given in a list, got a single one: use fitting.identify for one map"
+            "force maps must be passed in a list, got a single one: use fitting.identify for one map"
         )
     several = isinstance(data, Iterable) and not isinstance(data, str)
     maps: tuple[Any, ...] = tuple(data) if several else (data,)

@@ -1,8 +1,9 @@
 """Posterior density of an identification.
 
-Readings are y = F(u) + C(u) x + noise, with u in a box and a flat or normal prior of x on the set allowed
-by the constraint. The active rows of the constraint, its faces, have slacks s = N x - h >= 0, which are
-sampled in place of as many coefficients. Censored readings contribute the probability of their side.
+Readings are y = F(u) + C(u) x + noise, with u in a box. The prior of x is flat or normal on the set that
+the constraint allows. The active rows of the constraint, its faces, have slacks s = N x - h >= 0, which are
+sampled instead of the same number of coefficients. A censored reading contributes the probability that the
+force lies on its side of the limit.
 
 References:
     Tobin 1958 (censored readings); Rosenblatt 1952, Ann. Math. Statist. 23(3) (the map of the box).
@@ -27,7 +28,7 @@ from .summary import joint_derivatives
 
 
 class BoxMap(eqx.Module):
-    """Smooth bijection from R^d to the inside of a box; it maps a normal closely to a truncated normal.
+    """Smooth bijection from R^d to the inside of a box; a normal becomes approximately a truncated normal.
 
     Coordinate by coordinate, with t standardised by a quadratic model,
 
@@ -35,9 +36,9 @@ class BoxMap(eqx.Module):
         sigma(t_j) = (1 - p) sigma(-alpha_j) + p sigma(beta_j),   p = sigma(z_j)
 
     where sigma is the logistic function and [-alpha_j, beta_j] the range of t_j within the box. Far from
-    the bounds t = z; at a bound it is the logit of the distance. A ridge of two parameters, one of them at
-    its bound, becomes straight and of unit width. For a curved ridge, c_j is a cubic in the first
-    coordinate, the leading one. Every array is in the map's own order.
+    the bounds, t = z; near a bound, z is the logit of the distance to it. A ridge in two parameters, one of
+    them at its bound, becomes straight, with unit width. For a curved ridge, c_j is a cubic in the first
+    coordinate, the leading one. All arrays are in the map's own order.
 
     Attributes:
         order: index in the box of each coordinate of the map, shape (d,).
@@ -62,7 +63,7 @@ class BoxMap(eqx.Module):
         mean: Float[np.ndarray, " d"],
         covariance: Float[np.ndarray, "d d"],
     ) -> "BoxMap":
-        """Map of a box and a quadratic model; the coordinate most affected by its bounds leads."""
+        """Return the map for a box and a quadratic model; the coordinate nearest its bounds comes first."""
         std = np.sqrt(np.diag(covariance))
         inside = np.minimum(np.minimum(mean - low, high - mean) / std, 3.0)
         order = np.lexsort((-std / (high - low), inside))
@@ -88,7 +89,7 @@ class BoxMap(eqx.Module):
         return eqx.tree_at(lambda m: m.curve, self, curve)
 
     def __call__(self, z: Float[Array, " d"]) -> tuple[Float[Array, " d"], Float[Array, ""]]:
-        """Point of the box and log |dv/dz|."""
+        """Return the point in the box and log |dv/dz|."""
         log_slope, t, v = jnp.zeros(()), jnp.zeros_like(z), jnp.zeros_like(z)
         for j in range(z.shape[0]):
             width = self.root[j, j]
@@ -102,7 +103,7 @@ class BoxMap(eqx.Module):
 
 
 def _within(alpha: Array, beta: Array, z: Array) -> tuple[Array, Array]:
-    """T in (-alpha, beta) and log dt/dz, by logarithms of positive sums."""
+    """Return t in (-alpha, beta) and log dt/dz, computed with logarithms of positive sums."""
     log = jax.nn.log_sigmoid
     up, down = log(z), log(-z)
     below = jnp.logaddexp(log(-alpha) + down, log(beta) + up)
@@ -113,17 +114,17 @@ def _within(alpha: Array, beta: Array, z: Array) -> tuple[Array, Array]:
 
 
 Noise = float | tuple[float, float]
-"""Known standard deviation of a reading, or the ends of its interval."""
+"""Known standard deviation of a reading, or the interval (low, high) in which it lies."""
 
 
 class Density(eqx.Module):
-    """Logarithm of the posterior at points z of R^d, about standard normal.
+    """Log posterior density at points z in R^d, where it is approximately standard normal.
 
     The vector v = box(z) contains the geometry, slacks, other combinations of the coefficients, and the
-    logarithm of an unknown noise. The coefficients are x = centre + scale c, with c about standard normal.
+    logarithm of an unknown noise. The coefficients are x = centre + scale c, with c nearly standard normal.
 
     Attributes:
-        problem: the problem with its whole constraint.
+        problem: the problem with its full constraint.
         force: readings [N]; the limit if censored.
         side: 0 for a reading, 1 if the force is at most the limit, -1 if it is at least the limit.
         geometry: number of parameters in the unit box.
@@ -131,9 +132,9 @@ class Density(eqx.Module):
         centre: shape (n,).
         scale: shape (n, n).
         face_scale: scale of the rows of faces [Pa], shape (r,).
-        others: rows on c left free by these at the optimum, shape (n - r, n).
+        others: combinations of c that the faces leave free at the optimum, shape (n - r, n).
         noise: known standard deviation, in the unit of a weighted residual; None if sampled.
-        prior_noise: noise for which the rows of priors were weighted.
+        prior_noise: noise assumed in the weights of the prior rows.
         box: map to v.
     """
 
@@ -151,17 +152,17 @@ class Density(eqx.Module):
     box: BoxMap
 
     def __call__(self, z: Float[Array, " d"]) -> Float[Array, ""]:
-        """Log p(z | y), up to a constant; -inf where the whole constraint does not hold."""
+        """Log p(z | y), up to a constant; -inf where the constraint is violated."""
         return self._evaluate(z)[0]
 
     def draw(
         self, z: Float[Array, " d"]
     ) -> tuple[Float[Array, " q"], Float[Array, " n"], Float[Array, ""]]:
-        """Parameters [SI], coefficients and noise."""
+        """Return parameters [SI], coefficients and noise."""
         return self._evaluate(z)[1:]
 
     def _evaluate(self, z: Float[Array, " d"]) -> tuple[Array, Array, Array, Array]:
-        """Log density, parameters, coefficients and noise."""
+        """Return log density, parameters, coefficients and noise."""
         v, found = self.box(z)
         first, last = self.geometry, self.geometry + len(self.faces)
         known = last + len(self.others)
@@ -194,14 +195,14 @@ class Density(eqx.Module):
 def _faces(
     point: Point, scale: Float[np.ndarray, "n n"], spread: Float[np.ndarray, " m"]
 ) -> tuple[int, ...]:
-    """Rows of the constraint whose slack is sampled.
+    """Return the rows of the constraint whose slack is sampled.
 
-    These are the active rows, then the nearest ones within three standard deviations, of different
+    These are the active rows, then the nearest rows within three standard deviations, all in different
     directions.
 
     Args:
         point: optimum of the fit.
-        scale: transformation to coefficients that are about standard normal.
+        scale: transformation to coefficients that are approximately standard normal.
         spread: standard deviations of the slacks of all rows.
     """
     G = point.G @ scale
@@ -228,10 +229,10 @@ def density_of(result: Identification, noise: Noise) -> Density:
 
     Args:
         result: from `identify`.
-        noise: in the unit of the weighted residual; its logarithm is uniform in an interval.
+        noise: in the unit of the weighted residual; in an interval, its logarithm is uniform.
 
     Raises:
-        InputError: the readings do not determine the coefficients, one is held, or nothing is free.
+        InputError: readings do not determine the coefficients, a coefficient is held, or nothing is free.
     """
     problem, point = result.problem, result.end.point
     free, q, count = problem.free, len(problem.names), problem.force.size
@@ -282,7 +283,9 @@ def density_of(result: Identification, noise: Noise) -> Density:
         spread = np.pad(spread, (0, 1))
         spread[-1, -1] = 1 / (2 * freedom)
     if not mean.size:
-        raise InputError("there is nothing to sample, as every parameter is held: free one")
+        raise InputError(
+            "there is nothing to sample, as every parameter is held: free at least one"
+        )
     box = BoxMap.of(low, high, mean, spread)
     return Density(
         problem=PureProblem.of(problem),
@@ -299,7 +302,7 @@ def density_of(result: Identification, noise: Noise) -> Density:
 def _along_ridge(
     result: Identification, box: BoxMap, sigma: float, first: int, on_x: Float[np.ndarray, "o n"]
 ) -> BoxMap:
-    """Let the map follow the ridge along its leading parameter, through optima with this one held."""
+    """Make the map follow the ridge along its leading parameter, through optima with that held."""
     problem, end = result.problem, result.end
     lead, p = int(box.order[0]), problem.free.size
     if lead >= p or p < 2:
@@ -327,7 +330,7 @@ def _along_ridge(
 def _whitening(
     columns: Float[np.ndarray, "k n"], names: tuple[str, ...]
 ) -> Float[np.ndarray, "n n"]:
-    """S such that the columns of (columns S) are orthonormal.
+    """Return S such that the columns of (columns S) are orthonormal.
 
     Raises:
         InputError: readings and priors do not determine a coefficient.
@@ -338,5 +341,5 @@ def _whitening(
     R = np.linalg.qr(columns / np.where(length > 0, length, 1.0), mode="r")
     if not np.linalg.svd(R, compute_uv=False).min() > 1e-8:
         named = ", ".join(dict.fromkeys(names))
-        raise InputError(f"the readings do not determine {named}: give priors, or a lower order")
+        raise InputError(f"the readings do not determine {named}: add priors, or use a lower order")
     return np.linalg.inv(R) / length[:, None]

@@ -1,6 +1,6 @@
-"""The engine of every fit: variable projection for a batch of fits.
+"""The engine behind every fit: variable projection for a batch of fits.
 
-At given nonlinear parameters the coefficients are the optimum of a convex programme. The outer search of
+At given nonlinear parameters the coefficients are the optimum of a convex programme. The outer search in
 `fitting.search` uses the remaining residual and its derivative through that optimum.
 
 References:
@@ -48,7 +48,7 @@ class Point:
 
     Attributes:
         problem: the problem.
-        parameters: [SI], shape (q,).
+        parameters: nonlinear parameters [SI], shape (q,).
         x: coefficients, shape (n,); nan without a certified optimum.
         residual: weighted residual of readings, coefficient priors and parameter priors, shape (k,).
         A, b, G, h: convex programme. A and b are the rows of the residual. G and h are the constraint
@@ -180,7 +180,7 @@ class Batch:
     def parameters(
         self, members: Int[np.ndarray, " b"], u: Float[np.ndarray, "b p"]
     ) -> Float[np.ndarray, "b q"]:
-        """Parameters [SI] at points of the members' unit boxes."""
+        """Parameters [SI] at points in the members' unit boxes."""
         found = self.low[members]
         found[:, self.free] += u * (self.high[members] - self.low[members])[:, self.free]
         return found
@@ -192,7 +192,7 @@ class Batch:
         near: Sequence[Near | None] | None = None,
         tolerance: float = REACHED,
     ) -> list[tuple[Chunk, int]]:
-        """Certified convex fits with their Jacobians.
+        """Compute certified convex fits with their Jacobians.
 
         Args:
             members: indices of the problems; an index may be repeated.
@@ -278,7 +278,7 @@ class Batch:
     def residual_and_jacobian(
         self, members: Int[np.ndarray, " b"], found: Sequence[tuple[Chunk, int]]
     ) -> tuple[Float[np.ndarray, "b k"], Float[np.ndarray, "b k p"]]:
-        """Residuals and their derivatives in the unit box of the free parameters."""
+        """Residuals, and their derivatives with respect to the free parameters in the unit box."""
         r = np.stack([chunk.projected.residual[row] for chunk, row in found])
         J = np.stack([chunk.projected.jacobian[row] for chunk, row in found])
         width = (self.high - self.low)[members][:, self.free]
@@ -322,7 +322,7 @@ class Batch:
     def _settled(
         self, linear: Linear, slopes: Linear, of: Weighing
     ) -> tuple[Float[np.ndarray, "b readings"], Projected]:
-        """Solve the convex fits; count all normal readings, and censored ones that are violated.
+        """Solve the convex fits to all normal readings and to the censored readings that are violated.
 
         A slack muscle means F <= 0, a load cell at its limit F >= limit. Each adds
         max(0, s (F - limit))^2 / 2 to the sum of squares, with s = 1 or -1. This is convex in the
@@ -371,7 +371,7 @@ def _weighing(problem: Problem, at: Layout) -> Weighing:
 def solve(
     problem: Problem, parameters: Float[np.ndarray, " q"], tolerance: float = REACHED
 ) -> Point:
-    """Certified convex fit at given parameters; `tolerance` applies to the forces of a compliant rig."""
+    """Compute the convex fit at given parameters; `tolerance` applies to forces in a compliant rig."""
     batch = Batch([problem])
     given = batch._padded(parameters)[None]
     ((chunk, row),) = batch.evaluate(np.zeros(1, int), given, tolerance=tolerance)
@@ -379,7 +379,7 @@ def solve(
 
 
 def partial(point: Point) -> tuple[Float[np.ndarray, "k q"], Float[np.ndarray, "m q"]]:
-    """Derivatives at constant coefficients, in all nonlinear parameters.
+    """Derivatives with respect to all nonlinear parameters, at constant coefficients.
 
     Returns:
         Derivatives of the weighted residual, including priors, and of G x - h.
@@ -404,7 +404,7 @@ def predict(
     length: Float[np.ndarray, " k"],
     pressure: Float[np.ndarray, " k"],
 ) -> Float[np.ndarray, " k"]:
-    """Predict the force [N] that the rig of a part measures, with the program of the fit.
+    """Predict the force [N] that the rig of a part measures, with the compiled program of the fit.
 
     Args:
         problem: problem of the fit.
@@ -447,7 +447,7 @@ def _built(family: MuscleFamily, values: dict[str, Any]) -> Any:
 
 
 def muscle_at(problem: Problem, point: Point, place: int) -> Any:
-    """Return the muscle of a part at a fit."""
+    """Return the fitted muscle of a part."""
     part = problem.parts[place]
     names = (*part.family.nonlinear, *part.family.linear)
     numbers = np.split(np.concatenate([point.parameters[part.at], point.x]), len(names))
@@ -455,7 +455,7 @@ def muscle_at(problem: Problem, point: Point, place: int) -> Any:
 
 
 def report_of(part: Part, point: Point, place: int) -> Report:
-    """Return the report of a part at a fit, as NumPy arrays."""
+    """Return the report on a fitted part, as NumPy arrays."""
     size = bucket(part.force.size, 64)
     form, arrays = form_of(dataclasses.replace(part, within=None), size)
     reached = point.reached[point.problem.readings[place]]

@@ -1,3 +1,3 @@
-"""The error that says what is wrong with what was given."""
+"""The error raised for invalid input."""
 
 from famjax.boundary.errors import InputError as InputError

@@ -1,13 +1,14 @@
 """Quantify the uncertainty of an identification: validation, profiles, bootstrap, shared errors.
 
-Some errors are shared by all readings, such as those of a transducer's gain, the rest length, the wall or
+Some errors are shared by all readings, such as errors in a transducer's gain, the rest length, the wall or
 a photographed shape. Neither scatter nor repetition reveals them. Each changes the readings or the
 geometry, and thereby the optimum. To first order the parameters change by
 
     d theta = -(J^T J)^-1 J^T d r
 
-where d r is the change of the weighted residual at fixed parameters and J is its derivative in them,
-restricted to directions left free by constraints and bounds (`carry`). Nothing is refitted.
+where d r is the change of the weighted residual at fixed parameters and J is the derivative of the
+residual with respect to them, restricted to directions left free by constraints and bounds (`carry`).
+Nothing is refitted.
 
 References:
     JCGM 100:2008 (GUM), section 5: independent contributions add in squares.
@@ -59,7 +60,7 @@ FORM = Form(
         "wall_thickness": "length", "bladder_diameter": "length", "braid_thickness": "length",
     }
 )  # fmt: skip
-"""Spelling in files: `wall_thickness_mm`, `pressure_reading`."""
+"""Form of the entries in files: `wall_thickness_mm`, `pressure_reading`."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,15 +68,15 @@ class SharedErrors:
     """Standard errors shared by all readings of a map; 0 means exact.
 
     Attributes:
-        rest_length: error of L0, and of every length with it [m].
-        shortening: relative error of the machine's displacement [-].
-        pressure_reading: relative error of the transducer [-].
-        pressure_zero: offset of the transducer [Pa].
+        rest_length: error in L0, and therefore in every length [m].
+        shortening: relative error in the displacement of the testing machine [-].
+        pressure_reading: relative error of the pressure transducer [-].
+        pressure_zero: offset of the pressure transducer [Pa].
         force_reading: relative error of the load cell [-].
         force_zero: offset of the load cell [N].
-        wall_thickness: error of the bladder's wall at rest [m].
-        bladder_diameter: error of its outer diameter at rest [m], if that was given.
-        braid_thickness: error of the braid's thickness [m].
+        wall_thickness: error in the bladder's wall thickness at rest [m].
+        bladder_diameter: error in the bladder's outer diameter at rest [m], if a value is given.
+        braid_thickness: error in the braid's thickness [m].
     """
 
     rest_length: NotNegative = 0.0
@@ -117,7 +118,9 @@ class SharedErrors:
             rest = specimen.rest_length
             return dataclasses.replace(data, length=rest - (rest - length) * (1 + by))
         if getattr(specimen, name) is None:
-            raise InputError(f"{name} has an error, but there is no {name}: leave the error out")
+            raise InputError(
+                f"{name} has an error, but the specimen has no {name}: remove the error"
+            )
         if name == "rest_length":
             length = length + by
         specimen = dataclasses.replace(specimen, **{name: getattr(specimen, name) + by})
@@ -125,7 +128,7 @@ class SharedErrors:
 
 
 DRAWS = 32
-"""Random draws of a measured shape; enough to estimate a standard error to one part in eight."""
+"""Number of random draws of a measured shape, enough to estimate a standard error to within an eighth."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -133,7 +136,7 @@ class Move:
     """A changed map or geometry.
 
     Attributes:
-        data: the map with the same number of readings; None if unchanged.
+        data: the changed map, with the same number of readings; None if unchanged.
         geometry: see `identify`.
     """
 
@@ -142,7 +145,7 @@ class Move:
 
 
 Moves = Mapping[str, Sequence[Move]]
-"""Changes by source of error: one by a standard error, or several random draws."""
+"""Changes by source of error: one change by a standard error, or several random draws."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -198,20 +201,20 @@ def moves_of(
 def carry(result: Identification, moves: Moves) -> Carried:
     """Propagate shared errors to the parameters and forces of a fit.
 
-    The theory is linear in errors and parameters: each error must change the parameters little, and
-    active constraints and bounds stay active.
+    The theory is linear in errors and parameters: each error must change the parameters only slightly, and
+    active constraints and bounds must stay active.
 
     Args:
         result: a fit of one specimen.
         moves: changes by source of error.
 
     Raises:
-        InputError: several specimens were identified together, a changed map has other readings, or a
-            changed geometry is of another kind or has no force at the optimum.
+        InputError: several specimens were identified together, a changed map has a different number of
+            readings, or a changed geometry is of a different kind or has an undefined force at the optimum.
     """
     problem, point = result.problem, result.end.point
     if len(problem.parts) > 1:
-        raise InputError("shared errors need a fit of one specimen, not of several together")
+        raise InputError("shared errors need a fit of one specimen, got a fit of several together")
     part = problem.parts[result.place]
     _, jacobian, rows = joint_derivatives(point)
     held, rows, bent = held_and_active(problem, result.end, rows)
@@ -228,14 +231,17 @@ def carry(result: Identification, moves: Moves) -> Carried:
             change = slopes @ steps[-1] + others - numbers
             directions.append(change / np.sqrt(len(several)))
         if not np.isfinite(steps).all():
-            raise InputError(f"with the error of {source} the muscle has no force at some readings")
+            raise InputError(
+                f"with the error in {source}, the force is undefined (nan) at some readings: check its "
+                "value and unit"
+            )
         effects.append(np.sqrt(np.mean(np.square(steps), axis=0)))
     names = problem.names + result.coefficient_names
     return Carried(names, tuple(moves), np.array(effects), np.array(directions))
 
 
 def _at(part: Part, point: Point) -> tuple[np.ndarray, np.ndarray]:
-    """Unweighted residual [N], and the muscle's numbers followed by the rig's."""
+    """Return the unweighted residual [N], and the muscle's numbers followed by the rig's."""
     problem, inputs = dataclasses.replace(point.problem, parts=(part,)), part.inputs
     given = point.parameters, point.x
     predicted = predict(problem, 0, *given, inputs.length, inputs.pressure)
@@ -248,7 +254,9 @@ def _moved(part: Part, data: ForceData, move: Move, source: str) -> Part:
     """Return the part with changed readings and geometry."""
     moved = data if move.data is None else move.data
     if moved.force.shape != data.force.shape:
-        raise InputError(f"{source}: the map must have the {data.force.size} readings of the fit")
+        raise InputError(
+            f"{source}: the changed map must have {data.force.size} readings, as in the fit"
+        )
     family = part.family
     family = dataclasses.replace(
         family, rest=np.asarray(moved.specimen.rest_length),
@@ -262,7 +270,7 @@ def _moved(part: Part, data: ForceData, move: Move, source: str) -> Part:
     )
     force = part.force + (moved.force - data.force)[rows] * (part.side == 0)
     if jax.tree.structure(family) != jax.tree.structure(part.family):
-        raise InputError(f"{source}: the geometry must be of the kind that was fitted")
+        raise InputError(f"{source}: the changed geometry must be of the same kind as in the fit")
     return dataclasses.replace(part, family=family, inputs=inputs, force=force)
 
 
@@ -285,7 +293,7 @@ class Evidence:
         error: prediction error from held-out readings; None if the law depends on pressure or several
             specimens were identified together.
         left_out: held-out errors of groups of "pressure" and "length" that determine `error`; empty if
-            that is None.
+            `error` is None.
         posterior: posterior draws, or None.
         shared: effect of shared errors, or None.
     """
@@ -324,9 +332,9 @@ def gather(
         seed: seed of bootstrap and posterior.
         known: prediction error and the held-out errors that determine it, if a choice provides them;
             otherwise they are computed.
-        posterior: draw from the posterior.
+        posterior: sample the posterior.
         noise: known standard deviation of a reading [N], for the posterior.
-        shared: changes by shared errors, see `carry`.
+        shared: changes due to shared errors, see `carry`.
     """
 
     def told(what: str) -> Callable[[int, int], None]:
@@ -340,7 +348,9 @@ def gather(
         sampled = sample(result, noise=noise, seed=seed, progress=told("posterior"))
     error, left_out = _error(result) if known is None else known
     return Evidence(
-        validations=tuple(validate(result, k, progress=told(f"leave one {k} out")) for k in kinds),
+        validations=tuple(
+            validate(result, k, progress=told(f"leaving one {k} out")) for k in kinds
+        ),
         profiles=profile(result, progress=told("profile likelihood")) if profiles else (),
         bootstrap=drawn,
         error=error,
@@ -351,7 +361,7 @@ def gather(
 
 
 def _error(result: Identification) -> tuple[ModelError | None, Mapping[str, LeftOut]]:
-    """Prediction error from held-out lengths and groups of neighbouring pressures."""
+    """Return the prediction error from held-out lengths and groups of neighbouring pressures."""
     problem = result.problem
     if len(problem.parts) > 1 or result.law.material.depends_on_pressure:
         return None, {}
@@ -362,13 +372,13 @@ def _error(result: Identification) -> tuple[ModelError | None, Mapping[str, Left
 
 
 def left_out_kinds(result: Identification) -> tuple[str, ...]:
-    """Kinds of levels that can be left out."""
+    """Return the kinds of levels that can be left out."""
     data, kinds = result.data, ("pressure", "length")
     return tuple(kind for kind in kinds if np.unique(data.levels(kind)[data.loaded]).size > 1)
 
 
 def evidence_as_dict(evidence: Evidence) -> dict[str, Any]:
-    """Evidence as JSON-ready data in SI; null for missing numbers."""
+    """Return the evidence as JSON-ready data in SI; null for missing numbers."""
     document: dict[str, Any] = {}
     if evidence.error is not None:
         document["model_error"] = evidence.error.as_dict()
@@ -405,7 +415,7 @@ def evidence_as_dict(evidence: Evidence) -> dict[str, Any]:
 
 
 def evidence_tables(evidence: Evidence, result: Identification, system: str) -> list[Table]:
-    """Evidence as tables of text in a unit system: errors left out, and all errors of parameters."""
+    """Return the evidence as text tables in a unit system: held-out errors, and all parameter errors."""
 
     def text(value: float, kind: str, digits: int, none: str = "open") -> str:
         known = math.isfinite(value)
@@ -423,7 +433,7 @@ def evidence_tables(evidence: Evidence, result: Identification, system: str) -> 
         tables.append(hysteresis_table(evidence.hysteresis, system))
     stderr = {one.name: one.stderr for one in result.estimates}
     kinds = {one.name: one.kind for one in result.estimates}
-    title, columns = ["Errors of parameters"], dict[str, dict[str, tuple[float, ...]]]()
+    title, columns = ["Parameter errors"], dict[str, dict[str, tuple[float, ...]]]()
     if evidence.shared is not None:
         for source, errors in evidence.shared.by_source().items():
             columns[source.replace("_", " ")] = {name: (error,) for name, error in errors.items()}
@@ -432,14 +442,14 @@ def evidence_tables(evidence: Evidence, result: Identification, system: str) -> 
             for name, error in evidence.shared.std.items()
         }
     if evidence.profiles:
-        columns["95 % by profile likelihood"] = {p.name: p.interval for p in evidence.profiles}
+        columns["95 % from profile likelihood"] = {p.name: p.interval for p in evidence.profiles}
     if (drawn := evidence.bootstrap) is not None:
-        title.append(f"bootstrap of {len(drawn.samples)} replicates, {drawn.failed} more failed")
-        columns["95 % by the bootstrap"] = {name: drawn.interval(name) for name in drawn.names}
+        title.append(f"bootstrap with {len(drawn.samples)} replicates, {drawn.failed} more failed")
+        columns["95 % from the bootstrap"] = {name: drawn.interval(name) for name in drawn.names}
     if (posterior := evidence.posterior) is not None:
         title.append(repr(posterior))
         kinds |= dict(zip(posterior.names, posterior.kinds, strict=True))
-        columns["95 % of the posterior"] = {
+        columns["95 % from the posterior"] = {
             name: (one.low, one.high) for name, one in posterior.summary.items()
         }
     if columns:
@@ -457,7 +467,7 @@ def evidence_tables(evidence: Evidence, result: Identification, system: str) -> 
 
 
 def evidence_warnings(evidence: Evidence, result: Identification) -> tuple[str, ...]:
-    """Warnings where different kinds of evidence disagree."""
+    """Return warnings where different kinds of evidence disagree."""
     found = []
     for one in evidence.profiles:
         if one.verdict in {"flat", "one-sided"}:
@@ -469,14 +479,14 @@ def evidence_warnings(evidence: Evidence, result: Identification) -> tuple[str, 
         ratio = drawn / estimate.stderr if estimate.stderr else math.nan
         if math.isfinite(ratio) and not 1 / _DISAGREE < ratio < _DISAGREE:
             found.append(
-                f"The standard error of {estimate.name} by bootstrap is {ratio:.2g} times that of "
+                f"The bootstrap standard error of {estimate.name} is {ratio:.2g} times that from "
                 "linear theory: both are uncertain."
             )
     for one in evidence.validations:
         if one.rmse > 2 * result.errors.rmse and np.isfinite(one.rmse):
             found.append(
                 f"The error with one {one.groups} left out is {one.rmse / result.errors.rmse:.2g} "
-                f"times the error in sample: do not extrapolate in {one.groups}."
+                f"times the in-sample error: do not extrapolate in {one.groups}."
             )
     if evidence.hysteresis is not None:
         found += hysteresis_warnings(evidence.hysteresis)

@@ -81,10 +81,10 @@ LawGiven = str | Law | type[famjax.materials.AbstractMaterial] | famjax.material
 
 
 def law_named(law: LawGiven, order: int | None) -> Law:
-    """Return the law for a name, class or material; `order` applies only to the polynomial.
+    """Return the law for a name, class or material; `order` applies only to the polynomial law.
 
     Raises:
-        InputError: an unknown name, an order for another law, or a class that declares no
+        InputError: the name is unknown, an order is given for another law, or the class declares no
             parameters.
     """
     if isinstance(law, Law):
@@ -111,14 +111,14 @@ def law_named(law: LawGiven, order: int | None) -> Law:
     try:
         material = law.template() if isinstance(law, type) else law
     except ValueError as error:
-        raise InputError(f"{given} cannot be identified by its class alone: {error}") from None
+        raise InputError(f"{given} cannot be identified from its class alone: {error}") from None
     if not isinstance(material, famjax.materials.AbstractMaterial):
         raise InputError(
             f"a law must be a name, a famjax.materials.AbstractMaterial or its class, got {given}"
         )
     if not material.declared():
         raise InputError(
-            f"{given} declares no number to identify: declare its fields by "
+            f"{given} declares no parameters to identify: declare its fields with "
             "famjax.parameter(unit, low=..., high=..., linear=...)"
         )
     return Law(material)
@@ -187,7 +187,7 @@ class EstimatedSource(AbstractGeometrySource):
 
     @property
     def stretches(self) -> bool:
-        """False: the dimensions depend on pressure only by `braid_compliance`."""
+        """False: the dimensions depend on pressure only through `braid_compliance`."""
         return False
 
     def geometry(self, values: Values) -> famjax.geometries.AbstractGeometry:
@@ -232,7 +232,7 @@ class EstimatedSource(AbstractGeometrySource):
 
 
 class KnownSource(AbstractGeometrySource):
-    """A known geometry, such as a measured one, of which some parameters may be identified.
+    """A known geometry, such as a measured one, some of whose parameters may be identified.
 
     Attributes:
         known: the geometry.
@@ -280,7 +280,7 @@ class WrappedSource(AbstractGeometrySource):
     def _around(
         self, inner: famjax.geometries.AbstractGeometry
     ) -> famjax.geometries.AbstractGeometry:
-        """Wrap a geometry; fields of a class without default start at the middle of their range.
+        """Wrap a geometry; fields without a default start at the middle of their range.
 
         Raises:
             InputError: the class has fields without a known value, or the result is not a geometry.
@@ -299,7 +299,7 @@ class WrappedSource(AbstractGeometrySource):
             ) from None
         if not isinstance(made, famjax.geometries.AbstractGeometry):
             raise InputError(
-                "the geometry function must return a subclass instance of "
+                "the geometry function must return an instance of "
                 f"famjax.geometries.AbstractGeometry; got a {type(made).__name__}"
             )
         return made
@@ -316,7 +316,7 @@ def assembled(
     deadband: famjax.Real,
     further: famjax.terms.SumOfTerms | None,
 ) -> famjax.Muscle:
-    """Assemble a muscle with further force terms.
+    """Assemble a muscle, with any further force terms.
 
     Args:
         geometry: muscle geometry.

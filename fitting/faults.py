@@ -31,7 +31,7 @@ ATMOSPHERE = 101.3e3
 """Atmospheric pressure [Pa]."""
 
 THICK = 0.3
-"""Ratio of wall to bore above which no space remains for a bladder that strains."""
+"""Ratio of wall thickness to bore above which no room is left for a bladder that can strain."""
 
 # Misfits as fractions of the largest force
 GOOD = 0.02  # highest misfit of a good model of a muscle
@@ -74,19 +74,19 @@ class Suspicion:
 
 @dataclasses.dataclass(frozen=True)
 class Trial:
-    """One trial fit of a map."""
+    """One trial fit to a map."""
 
     data: ForceData
     problem: Problem
     end: End
 
     def predict(self, length: Column, pressure: Column) -> Column:
-        """Force [N] at lengths [m] and gauge pressures [Pa]; nan where there is none."""
+        """Force [N] at lengths [m] and gauge pressures [Pa]; nan where undefined."""
         point = self.end.point
         return predict(self.problem, 0, point.parameters, point.x, length, pressure)
 
     def errors(self, data: ForceData) -> Float[np.ndarray, " loaded"]:
-        """Residuals [N] at the loaded readings of a map; infinite where the model has no force."""
+        """Residuals [N] at the loaded readings of a map; infinite where the model's force is nan."""
         loaded = data.loaded
         found = self.predict(data.length[loaded], data.pressure[loaded]) - data.force[loaded]
         return np.where(np.isfinite(found), found, np.inf)
@@ -95,8 +95,8 @@ class Trial:
     def misfit(self) -> float:
         """RMSE of loaded and contradicted censored readings, as a fraction of the largest force.
 
-        A slack reading allows no pull; a saturated one allows no force below the limit of the load cell.
-        States without a model force contradict nothing.
+        At a slack reading the model must not pull; at a saturated reading its force must not be below the
+        limit of the load cell. States where the model's force is nan are ignored.
         """
         data = self.data
         force = self.predict(data.length, data.pressure)
@@ -106,7 +106,7 @@ class Trial:
         return float(np.sqrt(squares / data.loaded.sum())) / data.max_force
 
     def side(self, name: str) -> int:
-        """Return -1 at the lower bound, 1 at the upper bound, and 0 between them or if not a parameter."""
+        """Return -1 at the lower bound, 1 at the upper bound, and 0 otherwise."""
         if name not in self.problem.names:
             return 0
         place = self.problem.names.index(name)
@@ -143,12 +143,12 @@ def attempt(data: ForceData, candidate: Candidate | None = None) -> Trial | None
 
 
 def richest(data: ForceData) -> Candidate | None:
-    """First family of the ladder with a rigid rig; None if there is none."""
+    """Return the first family on the ladder with a rigid rig; None if there is none."""
     return next((one for one in ladder(data)[0] if not one.rig), None)
 
 
 def _as_fitted(result: Identification) -> Trial:
-    """A fit as a trial, without outliers of the Huber objective."""
+    """Return a fit as a trial, without the outliers of the Huber objective."""
     return Trial(_kept_only(result.data, result.counted), result.problem, result.end)
 
 
@@ -196,7 +196,7 @@ def suspect(result: Identification) -> tuple[Suspicion, ...]:
         found = _of_some(data, least)
     if not found and not plain and least > _UNEXPLAINED:
         sentence = (
-            f"No muscle model explains these readings: the best misses them by {least:.2%} of the largest "
+            f"No muscle model explains these readings: the best one is off by {least:.2%} of the largest "
             "force. Check units, signs and columns, the specimen, and that slack readings are 0."
         )
         found.append(Suspicion("no muscle explains the readings", sentence, least))
@@ -209,9 +209,9 @@ class Fault:
 
     Attributes:
         cause: description as a clause.
-        changes: corrected columns of the map, or sizes of the specimen.
+        changes: corrected columns of the map, or corrected dimensions of the specimen.
         below: misfit after the correction below which the fault explains the original misfit.
-        freed: limit in place of `below` if the braid is then no longer at its bounds.
+        freed: limit used instead of `below` if the braid is then no longer at its bounds.
         early: if true, the deadband must then be below its upper bound.
         stiff: fit of a muscle with a stiff braid and rig, if this family is to be compared.
         unlikely: penalty in decades; only faults about as likely as the best one are reported.
@@ -257,7 +257,7 @@ def _explained(
             size = math.log10(max(misfit / _DOUBTFUL, 1.0))
             before, of = least, ""
             if fault.stiff is not None:
-                before, of = fault.stiff.misfit, " of a muscle with a stiff braid and rig"
+                before, of = fault.stiff.misfit, " of a model with a stiff braid and rig"
             named = _named(fault.cause, before, misfit, of, grave=fault.grave)
             tried.append((fault.unlikely + size + 0.3 * then.cornered, misfit, named))
     tried.sort(key=lambda one: one[:2])
@@ -280,7 +280,7 @@ def _named(
 
 
 def _signs(data: ForceData, here: Trial | None, least: float) -> Iterator[Fault]:
-    """Negative forces.
+    """Yield a fault in the sign of the force, if some forces are negative.
 
     A slack muscle held at both ends pushes lightly against a load cell. Where the model does not pull
     either, the reversed sign must fit about as well as the original.
@@ -291,7 +291,7 @@ def _signs(data: ForceData, here: Trial | None, least: float) -> Iterator[Fault]
     pull = np.inf if here is None else here.predict(data.length[negative], data.pressure[negative])
     pulls, n = not np.all(np.asarray(pull) <= 0), int(negative.sum())
     are = "reading is" if n == 1 else "readings are"
-    said = f"forces have the wrong sign ({n} {are} negative by up to "
+    said = f"some forces have the wrong sign ({n} {are} negative by up to "
     most = Quantity(-float(data.force.min()), "force")
     cause = Sentence(said, most, ", and a muscle does not push)")
     undone = {"force": np.where(negative, -data.force, data.force)}
@@ -299,21 +299,21 @@ def _signs(data: ForceData, here: Trial | None, least: float) -> Iterator[Fault]
 
 
 _SWAPS = ((1e-3, 1e3), (1 / 1550.0, 1550.0), (1e-5, 1e5), (1e-6, 1e6))
-"""Factors to force and pressure if the columns were N and kPa, lbf and psi, N and bar, or N and MPa."""
+"""Conversion factors if the swapped columns are in N and kPa, lbf and psi, N and bar, or N and MPa."""
 
 
 def _swapped(data: ForceData, least: float) -> Iterator[Fault]:
-    """Swapped columns of force and pressure."""
+    """Yield faults for swapped force and pressure columns, in all likely pairs of units."""
     none = dict.fromkeys(("force_std", "pressure_std", "pressure_tolerance"))
     for to_force, to_pressure in _SWAPS:
         pressure = np.maximum(data.force, 0.0) * to_pressure
         columns = {"force": data.pressure * to_force, "pressure": pressure, **none}
-        cause = "the columns of force and pressure are swapped"
+        cause = "the force and pressure columns are swapped"
         yield Fault(cause, columns, min(_TOLERATED, least / 5))
 
 
 def _no_rise(data: ForceData) -> list[Suspicion]:
-    """Forces that do not rise with the pressure at any length."""
+    """Report forces that do not rise with the pressure at any length."""
     pressure, length, force = data.pressure, data.lengths.level, data.force
     rises = []
     for level in np.unique(length[data.loaded]):
@@ -324,21 +324,23 @@ def _no_rise(data: ForceData) -> list[Suspicion]:
     if not rises or max(rises) >= 0.05:
         return []
     cause = "the force does not rise with the pressure"
-    sentence = f"{cause.capitalize()} at any length: check the columns, and that it was recorded."
+    sentence = (
+        f"{cause.capitalize()} at any length: check the columns, and that the force was recorded."
+    )
     return [Suspicion(cause, sentence, 0.0)]
 
 
 def _stiff(data: ForceData) -> Candidate | None:
-    """First family of the ladder as a cylinder with stiff threads; None if there is none."""
+    """Return the first family on the ladder as a cylinder with stiff threads; None if there is none."""
     first = richest(data)
     return None if first is None else as_cylinder(first, data)
 
 
 def _stiff_and_late(data: ForceData) -> Trial | None:
-    """Fit of a stiff muscle, if pressures may be absolute and the deadband is as large as allowed.
+    """Return the fit of a stiff muscle if pressures may be absolute and the deadband is at its bound.
 
-    A compliant braid or rig absorbs part of the deadband, so its fit need not reach the bound. One
-    pressure cannot show a deadband.
+    A compliant braid or rig absorbs part of the deadband, so its fit need not reach the bound. A
+    single pressure cannot reveal a deadband.
     """
     several = np.unique(data.pressures.level[data.loaded]).size > 1
     if not several or data.pressure.min() < 0.85 * ATMOSPHERE:
@@ -348,7 +350,7 @@ def _stiff_and_late(data: ForceData) -> Trial | None:
 
 
 def _absolute(data: ForceData, least: float, *, late: bool) -> Iterator[Fault]:
-    """Absolute pressures: all exceed an atmosphere, and the deadband absorbs most of it.
+    """Yield faults for absolute pressures: all exceed an atmosphere, and the deadband absorbs most of it.
 
     `late` means that the deadband of the most general fit is at its upper bound.
     """
@@ -364,13 +366,13 @@ def _absolute(data: ForceData, least: float, *, late: bool) -> Iterator[Fault]:
 
 
 def _rest_lengths(data: ForceData, least: float) -> Iterator[Fault]:
-    """A wrong rest length; the right one is close to the longest loaded length."""
+    """Yield faults for a wrong rest length; the right one is close to the longest loaded length."""
     given, longest = data.specimen.rest_length, float(data.length[data.loaded].max())
     for part, unlikely in _RESTS.items():
         rest = part * longest
         if abs(rest / given - 1) >= 0.01:
-            ends = Quantity(rest, "length", 3), " approximately, not ", Quantity(given, "length")
-            cause = Sentence("the rest length is ", *ends)
+            ends = Quantity(rest, "length", 3), ", not ", Quantity(given, "length")
+            cause = Sentence("the rest length is approximately ", *ends)
             yield Fault(
                 cause, {"rest_length": rest}, min(GOOD, least / _FAR_BETTER), unlikely=unlikely,
                 grave=least > _UNEXPLAINED,
@@ -378,7 +380,7 @@ def _rest_lengths(data: ForceData, least: float) -> Iterator[Fault]:
 
 
 def _scales(data: ForceData, least: float, *, cornered: bool) -> Iterator[Fault]:
-    """Wrong units of force or pressure, or a wrong bore: each scales the force at a given pressure.
+    """Yield wrong units of force or pressure, and wrong bores: each scales the force at a given pressure.
 
     If the misfit does not separate them, a typical test pressure of 5 bar does. `cornered` means that
     braid diameter and angle of the original fit are both at their upper or both at their lower bounds.
@@ -411,25 +413,25 @@ def _scales(data: ForceData, least: float, *, cornered: bool) -> Iterator[Fault]
 
 
 def _wall_share(data: ForceData) -> float:
-    """Wall thickness over bore, or over the bladder's outer diameter if no bore is given."""
+    """Ratio of wall thickness to bore, or to the bladder's outer diameter if no bore is given."""
     bore = data.specimen.nominal_diameter or data.specimen.bladder_diameter
     return 0.0 if bore is None else data.specimen.wall_thickness / bore
 
 
 def thick_wall(data: ForceData) -> list[Suspicion]:
-    """A wall thicker than a third of the bore; the misfit hardly depends on it."""
+    """Report a wall thicker than a third of the bore; the misfit hardly depends on it."""
     share, specimen = _wall_share(data), data.specimen
     if share <= THICK:
         return []
     key = "nominal_diameter" if specimen.nominal_diameter else "bladder_diameter"
     wall, bore = (Quantity(getattr(specimen, name), "length") for name in ("wall_thickness", key))
-    remedy = f", and leaves no room for a bladder: check wall_thickness, {key} and their units."
-    sentence = Sentence("The wall of ", wall, f" is {share:.0%} of {key}, ", bore, remedy)
+    remedy = f". This leaves no room for a bladder: check wall_thickness, {key} and their units."
+    sentence = Sentence("The wall thickness, ", wall, f", is {share:.0%} of {key}, ", bore, remedy)
     return [Suspicion("the wall is too thick, or the diameter too small", sentence, 0.0)]
 
 
 def _of_some(data: ForceData, least: float) -> list[Suspicion]:
-    """Faults that affect some readings: the first whose misfit is close to the smallest."""
+    """Find a fault that affects some readings: the first whose misfit is close to the smallest."""
     tries = (_at_a_limit, _outliers, _two_muscles, _two_by_length)
     good = [
         _named(cause, least, better)
@@ -448,7 +450,7 @@ def _kept_only(data: ForceData, kept: Bool[np.ndarray, " loaded"]) -> ForceData:
 
 
 def _at_a_limit(data: ForceData) -> tuple[str, float] | None:
-    """Readings at the largest force that a fit of the others exceeds: a saturated load cell."""
+    """Find a saturated load cell: readings at the largest force, which a fit to the others exceeds."""
     force = data.force[data.loaded]
     limit = float(force.max())
     full = force >= (1 - _SHARED) * limit
@@ -467,7 +469,7 @@ def _at_a_limit(data: ForceData) -> tuple[str, float] | None:
 
 
 def _outliers(data: ForceData) -> tuple[str, float] | None:
-    """A few outliers, found by repeatedly excluding the worst readings and refitting."""
+    """Find a few outliers by repeatedly excluding the worst readings and refitting."""
     force = data.force[data.loaded]
     kept, errors = force <= 20 * float(np.median(force)), np.zeros(force.size)
     if kept.sum() < 3:
@@ -499,7 +501,7 @@ def _outliers(data: ForceData) -> tuple[str, float] | None:
 
 
 def _two_muscles(data: ForceData) -> tuple[str, float] | None:
-    """Readings of a second muscle before or after a place in the file; the other part fits alone.
+    """Find readings from a second muscle before or after some row of the file; the rest fits well alone.
 
     The file is divided where the slower of pressure and length first reverses, as if a new test began.
     """
@@ -514,12 +516,12 @@ def _two_muscles(data: ForceData) -> tuple[str, float] | None:
     for where, other in ((f"up to reading {row}", before), (f"from reading {row + 1} on", ~before)):
         trial = attempt(_kept_only(data, ~other))
         if trial is not None and np.unique(lengths[~other]).size >= _FEWEST_LENGTHS:
-            found.append((f"there are two muscles in the file, one of them {where}", trial.misfit))
+            found.append((f"the file contains two muscles, one of them {where}", trial.misfit))
     return min(found, key=lambda one: one[1], default=None)
 
 
 def _two_by_length(data: ForceData) -> tuple[str, float] | None:
-    """Readings of a second muscle at some lengths, with forces proportional to those of the first.
+    """Find readings from a second muscle at some lengths, with forces proportional to the first muscle's.
 
     For one muscle, dF/dP = (3 L^2 - B^2)/(4 pi N^2) is linear in L^2. The divisions that fit this best are
     tried.
@@ -546,6 +548,6 @@ def _two_by_length(data: ForceData) -> tuple[str, float] | None:
         pull, there = (errors + force)[other], force[other]
         errors[other] = pull * float(pull @ there) / float(pull @ pull) - there
         at = ", ".join(f"{one * 1e3:.5g}" for one in lengths[[*some]])
-        cause = f"there are two muscles in the file, one of them at {at} mm"
+        cause = f"the file contains two muscles, one of them at {at} mm"
         found.append((cause, float(np.sqrt(np.mean(errors**2))) / data.max_force))
     return min(found, key=lambda one: one[1], default=None)

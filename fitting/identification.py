@@ -41,22 +41,22 @@ def identify(
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
 ) -> Identification:
-    """Find the muscle that fits a force map best and satisfies the constraint.
+    """Find the muscle that best fits a force map while satisfying the constraint.
 
     The force is linear in the coefficients of the law, so at each geometry a convex programme gives
     their certified optimum. Gauss-Newton from many starts optimises the nonlinear parameters: braid
-    diameter, braid angle, deadband, and those named in `parameters`. Its derivatives go through the
+    diameter, braid angle, deadband, and those named in `parameters`. Its derivatives pass through the
     convex programme (variable projection).
 
     Args:
         data: the force map; slack readings are censored.
         law: "polynomial", "ogden", "mooney-rivlin", "saturating", "neo-hookean",
             "yeoh"; or your own subclass of `famjax.materials.AbstractMaterial` with parameters
-            declared by `famjax.parameter`, given as a class, an instance, or "module:Class".
+            declared with `famjax.parameter`, given as a class, an instance, or "module:Class".
         order: order of the polynomial law, 1 to 8; default 3.
         constraint: "none", "positive" (every coefficient >= 0), "slope" (stress increases over the
             strain range) or "drucker" (positive second-order work along the actuation path). It
-            also holds between the stations.
+            is also enforced between the stations.
         bounds: intervals (min, max) in SI by parameter name, in place of those in `standard_table`.
             Equal bounds fix the parameter.
         parameters: bounds with units, fixed values and priors. Optional parameters are fitted only if
@@ -66,23 +66,23 @@ def identify(
         noise: standard deviation of one reading [N], used to weight priors. Required with priors if
             the data have no `force_std`.
         objective: "sum_of_squares"; "huber", which counts residuals beyond 1.345 standard deviations
-            linearly, with the noise estimated from the median residual; or "mean_rmse", the mean
-            over pressures of the RMSE (Chambers 2021, equation 7.6). Validation and uncertainty keep
+            linearly, with the noise estimated from the median residual; or "mean_rmse", the RMSE
+            averaged over pressures (Chambers 2021, equation 7.6). Validation and uncertainty keep
             the final weights. To weight a region more, give its readings a smaller `force_std`.
         geometry: source of the muscle's dimensions. None: a cylinder in an inextensible braid. A
             geometry, such as `famjax.MeasuredGeometry`: used as given, except for parameters named in
             `bounds` or `parameters`. A function or class that wraps the estimated geometry, for example
             with elastic threads: its declared parameters are fitted if named.
-        terms: further force terms, such as a spring of your own; their declared parameters are fitted
+        terms: further force terms, such as your own spring; their declared parameters are fitted
             if named. A term with a `deadband_pressure` replaces Gaylord's.
         ends: "cylinder", or "equilibrium" to compute the shape from mechanics between end-fittings
             with an identified diameter (`famjax.EquilibriumMuscle`). The force is then nonlinear in
             the law, so the optimum is local and has no certificate, and no constraint applies.
         pictures: photographed profiles to fit together with the force, as a `measurements.nc` with
-            pressures or its table; only with ends="equilibrium".
+            pressures, or its table; only with ends="equilibrium".
         censored: True to penalise, as one-sided squares, a model that pulls at slack readings or
             pulls less than the load cell's limit at saturated ones. The fit stays convex.
-        starts: number of starts, drawn as a Latin hypercube over the box.
+        starts: number of starts, sampled from the box as a Latin hypercube.
         seed: random seed for the starts.
         progress: callback with (starts done, starts), called as descents finish.
 
@@ -90,7 +90,7 @@ def identify(
         The identified muscle with standard errors, certificate and warnings.
 
     Raises:
-        InputError: the data cannot support the fit; the message gives the reason.
+        InputError: the data cannot support the fit; the message states the reason.
         RuntimeError: float64 is off.
 
     References:
@@ -161,7 +161,7 @@ def identify_together(
         all; an individual parameter is named `name[specimen]`.
 
     Raises:
-        InputError: the data cannot support the fit; the message gives the reason.
+        InputError: the data cannot support the fit; the message states the reason.
         RuntimeError: float64 is off.
     """
     check_whole("starts", starts, 1)
@@ -200,7 +200,7 @@ def solve(
         noise: standard deviation of a force reading, used to weight the pictures; None if unknown.
 
     Raises:
-        InputError: no start leads to a finite force at every reading.
+        InputError: from every start, the force is undefined (nan) at some reading.
     """
     problem, weights, shapes = posed.problem, None, None
     if objective != "sum_of_squares":

@@ -1,14 +1,14 @@
-"""Families from which a fit chooses, as far as a map can determine them.
+"""Families among which a fit chooses, as far as a map can determine them.
 
 All families but one have the same unknown geometry: braid diameter and angle, deadband, rounded ends,
-stretching threads, and the rest length within the rounding to which it was given. Priors that are the same
-for every muscle hold what the readings cannot determine. The Mooney-Rivlin law has an equivalent cylinder
-instead. The families differ in the law of the bladder, and in the reason why the muscle pulls late: a
-deadband or a compliant rig. The map of one muscle cannot determine both.
+stretching threads, and the rest length within its rounding. Priors that are the same for every muscle
+constrain what the readings cannot determine. The Mooney-Rivlin law has an equivalent cylinder instead. The
+families differ in the bladder law, and in the reason why the muscle pulls late: a deadband or a compliant
+rig. A map of one muscle cannot determine both.
 
 Compiling takes longer than fitting, so all families share one compiled program: that of a muscle whose law
-is the sum of their laws. A family searches some parameters and holds the others at values without effect:
-no end effect, rigid threads, a rigid rig, no stress from the other laws.
+is the sum of their laws. A family searches some parameters and holds the others at neutral values: no end
+effect, rigid threads, a rigid rig, no stress from the other laws.
 """
 
 import dataclasses
@@ -30,13 +30,14 @@ from .problem import Part, Problem, Within
 from .response import MuscleFamily
 
 EXPONENT_PRIOR = (-3.0, 5.0)
-"""Prior of Ogden's exponent, the same for all muscles. Bare rubbers have -2 to 5 (Ogden 1972; 2 is
-neo-Hookean), walls with embedded threads -7 to -4. Fewer than four lengths hardly determine its sign."""
+"""Prior on Ogden's exponent, the same for all muscles. It is -2 to 5 for plain rubbers (Ogden 1972;
+2 is neo-Hookean) and -7 to -4 for walls with embedded threads. Fewer than four lengths hardly determine its
+sign."""
 
 MODEL_ERROR = 0.005
 """Standard deviation of a law's error, relative to the largest force. It is added to that of the readings,
 so that a reading known to 0.1 N does not count a hundred times more than one known to 1 N if the law itself
-is good to 3 N."""
+is accurate only to 3 N."""
 
 LAWS: dict[str, dict[str, Any]] = {
     "ogden": {"law": "ogden"},
@@ -45,27 +46,27 @@ LAWS: dict[str, dict[str, Any]] = {
     "saturating": {"law": "saturating"},
     "cubic": {"law": "polynomial", "order": 3},
 }
-"""Laws in order of preference for a map that cannot distinguish them: laws of rubber before empirical ones,
+"""Laws in order of preference for a map that cannot distinguish them: rubber laws before empirical laws,
 and fewer coefficients first."""
 
 END_FACTOR_PRIOR = (1.0, 0.05)
-"""Prior: a muscle whose ends open as it shortens is up to a tenth longer than its cylinder."""
+"""Prior: a muscle whose ends widen as it shortens is up to a tenth longer than its cylinder."""
 BRAID_COMPLIANCE_PRIOR = (0.0, 1e-5)
-"""Prior [1/N]: the threads of a muscle of 10 to 20 mm stretch by 1 % at 1000 N."""
+"""Prior [1/N]: the threads of a muscle with a bore of 10 to 20 mm stretch by 1 % at 1000 N."""
 
 _WIDEST_SCALE = 0.1
 _WIDEST_CYLINDER = 1.4  # relative to the nominal diameter
 _GEOMETRY = 2  # braid diameter and angle; the other parameters have priors
 FEWEST_LENGTHS = 4
-"""Smallest number of lengths for cross-validation by length: two remaining lengths determine no family."""
+"""Smallest number of lengths for cross-validation by length: two remaining ones determine no family."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Candidate:
-    """One family of the ladder.
+    """One family on the ladder.
 
     Attributes:
-        name: name in words.
+        name: name in plain words.
         law: name of the law.
         rig: true for a compliant rig in place of a deadband.
         options: law and order, as in `identify`.
@@ -92,7 +93,7 @@ def ladder(
 ) -> tuple[tuple[Candidate, ...], tuple[str, ...]]:
     """List the families that a force map can determine.
 
-    Each length provides two numbers, the slope and the intercept of the force over pressure. A family with
+    Each length provides two numbers, the slope and the intercept of force against pressure. A family with
     as many unknowns cannot be tested and is left out. So is a law with more coefficients than there are
     lengths at which the bladder is strained.
 
@@ -119,7 +120,7 @@ def ladder(
         count, lacking = len(law_of(law).coefficients), (said & of_any_law) - _rows(law)
         if lacking or count > strained:
             dropped.append(
-                f"The {law} law has no {', '.join(sorted(lacking))}, which was given." if lacking else
+                f"The {law} law lacks {', '.join(sorted(lacking))}, which you specified." if lacking else
                 f"The {law} law needs {count} lengths at which the bladder is strained; the map has "
                 f"{strained}."
             )  # fmt: skip
@@ -143,14 +144,14 @@ def ladder(
             )  # fmt: skip
     if large:
         dropped.append(
-            f"{large} families of more than {told} unknowns, which {lengths} lengths cannot "
-            "determine, were left out."
+            f"{large} families with more than {told} unknowns were left out: {lengths} lengths cannot "
+            "determine so many."
         )
     return tuple(found), tuple(dropped)
 
 
 def as_cylinder(one: Candidate, data: ForceData, said: Collection[str] = frozenset()) -> Candidate:
-    """Return the family with a cylinder of rigid threads, which can be cut to other lengths.
+    """Return the family as a cylinder with rigid threads, which can be cut to other lengths.
 
     Args:
         one: the family.
@@ -177,7 +178,7 @@ _PULLS_LATE = {"deadband_pressure", *_RIG_UNKNOWNS}
 
 
 def _geometry(data: ForceData) -> dict[str, Parameter]:
-    """Return the priors of the geometry, for any muscle and law."""
+    """Return the priors on the geometry, for any muscle and law."""
     return {
         "end_factor": Parameter(prior=END_FACTOR_PRIOR),
         "braid_compliance": Parameter(prior=BRAID_COMPLIANCE_PRIOR, unit="1/N"),
@@ -186,16 +187,16 @@ def _geometry(data: ForceData) -> dict[str, Parameter]:
 
 
 def rest_length_prior(data: ForceData) -> Parameter:
-    """Return the prior of the rest length: the specimen's, within its rounding."""
+    """Return the prior on the rest length: the specimen's, within its rounding."""
     rest = data.specimen.rest_length
     rounding = rest_length_rounding(rest)
     return Parameter(min=rest - rounding, max=rest + rounding, prior=(rest, rounding / 2), unit="m")
 
 
 def _equivalent_cylinder(data: ForceData) -> dict[str, Parameter]:
-    """Return the bounds of a cylinder of rigid threads whose diameter and angle include ends and wall.
+    """Return the bounds for a cylinder with rigid threads whose diameter and angle absorb ends and wall.
 
-    The Mooney-Rivlin law is fitted in this way by Klute & Hannaford (2000). With the muscle's own
+    Klute & Hannaford (2000) fit the Mooney-Rivlin law in this way. With the muscle's own
     dimensions its error is larger.
     """
     bore = data.specimen.nominal_diameter
@@ -206,7 +207,7 @@ def _equivalent_cylinder(data: ForceData) -> dict[str, Parameter]:
 
 
 def options_of(law: LawGiven) -> dict[str, Any]:
-    """Return law and order as in `identify`, for a law of the ladder or any other."""
+    """Return law and order as in `identify`, for a law on the ladder or any other."""
     return LAWS.get(law, {"law": law}) if isinstance(law, str) else {"law": law}
 
 
@@ -221,7 +222,7 @@ def law_of(law: LawGiven) -> Law:
 
 
 def believed(law: LawGiven, data: ForceData | None = None) -> dict[str, Parameter]:
-    """Return priors and bounds of the law's parameters, for any muscle.
+    """Return priors and bounds on the law's parameters, for any muscle.
 
     Args:
         law: the law, as in `identify`.
@@ -263,12 +264,12 @@ _NEUTRAL: Mapping[str, float] = {
     "deadband_pressure": 0.0, "end_factor": 1.0, "braid_compliance": 0.0,
     "series_compliance": 0.0, "series_exponent": 1.0, "ogden_exponent": 2.0, "strain_scale": 0.1,
 }  # fmt: skip
-"""Values without effect of the parameters that a family lacks; the rest length is the specimen's."""
+"""Neutral values for the parameters that a family lacks; the rest length is the specimen's."""
 _NONLINEAR = ("braid_diameter", "braid_angle", "rest_length", *_NEUTRAL)
 
 
 class LawSum(AbstractMaterial):
-    """Sum of several laws that share no parameter."""
+    """Sum of several laws that share no parameters."""
 
     laws: tuple[AbstractMaterial, ...]
 
@@ -291,7 +292,7 @@ def _sum_of_laws() -> Law:
 
 
 def sharing_one_program(problem: Problem) -> Problem:
-    """Return the problem with its parts computed by the shared program if they are special cases of it."""
+    """Return the problem with each part computed by the shared program, if it is a special case of it."""
     return dataclasses.replace(problem, parts=tuple(_within(part) for part in problem.parts))
 
 

@@ -1,4 +1,4 @@
-"""Family of muscles with the shape from mechanics; the force is nonlinear in all parameters."""
+"""Family of muscles whose shape follows from mechanics; the force is nonlinear in all parameters."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -30,7 +30,7 @@ def check_ends(ends: str, asked: Mapping[str, Any]) -> str:
     """Return `ends` if it is valid and compatible with the other options.
 
     Raises:
-        InputError: unknown ends, or an option that cannot be combined with them.
+        InputError: `ends` is unknown, or cannot be combined with another option.
     """
     if ends not in ENDS:
         raise InputError(f"ends must be one of {', '.join(ENDS)}, got {ends!r}")
@@ -59,7 +59,7 @@ class EquilibriumSource(EstimatedSource):
         super().__init__(specimen)
         if specimen.nominal_diameter is None:
             raise InputError(
-                "bounds for the diameter at the end-fittings follow from the nominal diameter, which is "
+                "the bounds on the diameter at the end-fittings depend on the nominal diameter, which is "
                 "missing: set the specimen's nominal_diameter"
             )
         self.bore = specimen.nominal_diameter
@@ -118,10 +118,10 @@ def equilibrium_options(
     seed: int = 0,
     own: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """Return the options with which `pose` sets up a fit of the shape from mechanics.
+    """Return the options with which `pose` sets up a fit with the shape from mechanics.
 
-    The search starts from the best cylinder with the same law; the initial end diameter is that of
-    the cylinder.
+    The search starts from the best cylinder with the same law; the initial end diameter equals the
+    diameter of that cylinder.
 
     Args:
         data: the maps.

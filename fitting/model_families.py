@@ -34,7 +34,7 @@ Translate = Callable[[Any, dict[str, Any]], Mapping[str, Any]]
 
 
 class ModelSource(AbstractGeometrySource):
-    """Source of a model that is no muscle of the specimen: the model with some of its numbers changed.
+    """Source for a model that is not built from the specimen: the model with some of its numbers changed.
 
     Attributes:
         model: model that provides all other numbers.
@@ -107,15 +107,15 @@ class ModelFamily:
         """
         if isinstance(model, type):
             raise InputError(
-                f"give an instance, as {model.__name__}.template(...) makes it; got the class"
+                f"the model must be an instance, such as {model.__name__}.template(...); got the class"
             )
         known, name = tuple(model.declared().values()), type(model).__name__
         if not known:
-            raise InputError(f"{name} declares no parameters: declare fields by famjax.parameter")
+            raise InputError(f"{name} declares no parameters: declare fields with famjax.parameter")
         for one in known:
             if not one.linear and not np.isfinite([one.low, one.high]).all():
                 raise InputError(
-                    f"{one.name} of {name} is searched and needs a finite range: declare it by "
+                    f"{one.name} of {name} is searched and needs a finite range: declare it with "
                     "famjax.parameter(low=..., high=...)"
                 )
         return cls(model, known, label=label or name)
@@ -141,7 +141,7 @@ def _peers(
     steepest = min(math.asin(min(1.0, rest / (_LONGEST * longest))), math.radians(85))
     if steepest <= _FLATTEST:
         raise InputError(
-            f"a loaded reading has the length {longest * 1e3:.5g} mm, too long for a "
+            f"a loaded reading has a length of {longest * 1e3:.5g} mm, too long for a "
             f"braid with a rest length of {rest * 1e3:.5g} mm: check the rest length and "
             "the unit of the length column"
         )
@@ -183,7 +183,9 @@ def _peers(
         ("martens_diameter", "Martens & Boblan 2017, diameter", martens, (*both, *moduli), of_braid),
     ]  # fmt: skip
     if pressures[0] < P:
-        note = "nodes 1 and 2 are " + " and ".join(f"{one / 1e3:.4g} kPa" for one in pressures)
+        note = "pressure nodes 1 and 2 are at " + " and ".join(
+            f"{one / 1e3:.4g} kPa" for one in pressures
+        )
         for name, label, least in (
             ("robinson_2", "Robinson 2015, order 2", -math.inf),
             ("pillsbury_2", "Pillsbury 2015, order 2, positive", 0.0),

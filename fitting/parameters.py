@@ -1,4 +1,4 @@
-"""The parameter table of an identification: value, bounds, prior and unit of every parameter."""
+"""Parameter table for an identification: value, bounds, prior and unit of every parameter."""
 
 import dataclasses
 import math
@@ -24,7 +24,7 @@ KINDS = {
     "series_compliance": "compliance",
     "series_exponent": "number",
 }
-"""Kind of unit for each parameter outside the law."""
+"""Kind of unit of each parameter that does not belong to the law."""
 
 _POSITIVE = {
     "braid_diameter", "braid_angle", "rest_length", "end_factor", "strain_scale", "series_exponent",
@@ -38,14 +38,14 @@ _WALL_ALLOWANCE = 3.6e-3
 
 @dataclasses.dataclass(frozen=True)
 class Parameter:
-    """User settings for one parameter; None keeps the standard value.
+    """User settings for one parameter; None keeps the default.
 
     Attributes:
         value: fixed value; only with `vary=False`.
         min, max: bounds.
         vary: True to identify the parameter.
-        prior: (mean, standard deviation) of prior knowledge.
-        unit: unit of all these numbers, such as "mm"; "" only for dimensionless parameters.
+        prior: (mean, standard deviation) of the prior.
+        unit: unit of all these numbers, such as "mm"; "" is allowed only for dimensionless parameters.
     """
 
     value: float | None = None
@@ -78,12 +78,12 @@ class Entry:
 
 
 def base_name(name: str) -> str:
-    """Return the name without its specimen: `braid_angle` for `braid_angle[10cm]`."""
+    """Return the name without the specimen suffix: `braid_angle` for `braid_angle[10cm]`."""
     return name.partition("[")[0]
 
 
 def standard_table(specimen: Specimen) -> dict[str, Entry]:
-    """Return the three parameters of every fit, with bounds that suit muscles in practice.
+    """Return the three parameters that every fit has, with bounds that suit real muscles.
 
     Args:
         specimen: the specimen; its nominal diameter sets the bounds of the braid diameter.
@@ -103,7 +103,7 @@ def standard_table(specimen: Specimen) -> dict[str, Entry]:
 
 
 def optional_table(specimen: Specimen) -> dict[str, Entry]:
-    """Return the optional parameters, fitted only if the user names them, with standard bounds."""
+    """Return the optional parameters with default bounds; they are fitted only if the user names them."""
     rest = specimen.rest_length
     return {
         "rest_length": Entry(0.97 * rest, 1.03 * rest, "length"),
@@ -119,8 +119,8 @@ def entry_in_si(name: str, given: Parameter, standard: Entry) -> Entry:
     """Apply the user's settings for a parameter to its standard entry, in SI.
 
     Raises:
-        InputError: a missing or unknown unit, contradictory bounds or value, or a prior with no
-            positive standard deviation.
+        InputError: the unit is missing or unknown, the bounds or value are contradictory, or the
+            prior's standard deviation is not positive.
     """
     if not isinstance(given, Parameter):
         raise InputError(
@@ -134,7 +134,7 @@ def entry_in_si(name: str, given: Parameter, standard: Entry) -> Entry:
     if given.vary == (given.value is not None) or (not given.vary and (*ends, told) != (None,) * 3):
         raise InputError(
             f"{name}: vary=False needs a value and allows no bounds or prior; vary=True allows no value, "
-            "because the starting points are drawn within the bounds"
+            "because starting points are sampled within the bounds"
         )
     if standard.kind != "number" and not given.unit and (said or told):
         units = list(UNITS[standard.kind])
@@ -150,7 +150,7 @@ def entry_in_si(name: str, given: Parameter, standard: Entry) -> Entry:
     if given.value is not None:
         return bounded(name, si(given.value), si(given.value), standard)
     if told is not None:
-        told = check_pair(f"the prior of {name}", told, "is (mean, standard deviation)")
+        told = check_pair(f"the prior of {name}", told, "must be (mean, standard deviation)")
         told = si(told[0]), si(told[1])
         if not (np.isfinite(told).all() and told[1] > 0):
             raise InputError(
@@ -166,12 +166,11 @@ def bounded(name: str, low: float, high: float, entry: Entry) -> Entry:
     """Return the entry with these bounds [SI].
 
     Raises:
-        InputError: the bounds are not in order, or they fix a parameter that has a prior.
+        InputError: the lower bound exceeds the upper one, or the bounds fix a parameter that has a prior.
     """
     if math.isnan(low) or math.isnan(high) or low > high:
         raise InputError(
-            f"bounds of {name}: the lower one, {low:.6g}, must not exceed the upper one, "
-            f"{high:.6g} (SI)"
+            f"the lower bound of {name}, {low:.6g}, must not exceed the upper bound, {high:.6g} (SI)"
         )
     if low == high and entry.prior is not None:
         raise InputError(
@@ -201,7 +200,7 @@ def complete_table(
         Entries in SI by name, the coefficients last.
 
     Raises:
-        InputError: an unknown name or contradictory settings.
+        InputError: a name is unknown, or settings contradict each other.
     """
     standard, changed = standard_table(specimen), {}
     known = {**optional_table(specimen), **(further or {}), **standard, **law}
@@ -212,10 +211,10 @@ def complete_table(
         if given is not None:
             entry = entry_in_si(name, given, entry)
         if name in bounds:
-            ends = check_pair(f"bounds of {name}", bounds[name], "are (low, high)")
+            ends = check_pair(f"bounds of {name}", bounds[name], "must be (low, high)")
             check_bounds(name, entry.kind, ends)
             if given is not None and (given.value, given.min, given.max) != (None, None, None):
-                raise InputError(f"{name}: give its bounds once, as bounds or in parameters")
+                raise InputError(f"give the bounds of {name} only once, in bounds or in parameters")
             entry = bounded(name, *ends, entry)
         changed[name] = entry
     extras = {name: changed[name] for name in known if name in changed and name not in law}

@@ -1,8 +1,8 @@
-"""The shape from mechanics fitted to photographs and force together.
+"""Fit the shape from mechanics to photographs and force together.
 
-The photographs enter as Gaussian priors. Their residuals are linearised about the current muscle and
-compressed by QR to one row per parameter. This is repeated until the parameters converge, so optimum and
-covariance account for all forces and diameters together (Gauss-Newton).
+The photographs enter as Gaussian priors. Their residuals are linearised about the current
+parameters and compressed by QR to one row per parameter. This is repeated until the parameters converge
+(Gauss-Newton), so the optimum and the covariance account for all forces and diameters together.
 """
 
 import dataclasses
@@ -24,7 +24,7 @@ from .search import End, descend
 from .shapes import Pictures
 
 POSITIONS = (np.arange(12) + 0.5) / 12
-"""Positions z/L at which diameters are compared: evenly spaced, without the ends."""
+"""Positions z/L at which diameters are compared: evenly spaced, excluding the ends."""
 _MOST = 16  # pictures in a fit; a stroke has no more detail, and each costs an equilibrium per step
 _POINTS = 201  # of a computed profile: linear interpolation is then below a photograph's error
 _ROUNDS = 30  # at most
@@ -39,15 +39,15 @@ _KEYS = {
 
 @dataclasses.dataclass(frozen=True)
 class PictureFit:
-    """Photographed and computed profiles of a joint fit.
+    """Photographed and computed profiles from a joint fit.
 
     Attributes:
         names: file names of the n pictures.
         length, pressure: active length L [m] and gauge pressure P [Pa], shape (n,).
         position: positions z/L [-], shape (m,).
         measured, computed: braid diameter D [m], shape (n, m).
-        stderr: standard error [m] of a diameter: the stated one, or the RMSE if it is larger.
-        priors: the photographs as priors on the parameters.
+        stderr: standard error [m] of a diameter: the larger of the stated error and the RMSE.
+        priors: priors on the parameters that represent the photographs.
     """
 
     names: tuple[str, ...]
@@ -65,7 +65,7 @@ class PictureFit:
         return float(np.sqrt(np.mean((self.computed - self.measured) ** 2)))
 
     def as_dict(self) -> dict[str, Any]:
-        """Convert to plain data for JSON, in SI."""
+        """Return JSON-ready data in SI."""
         found = {key: np.asarray(getattr(self, name)).tolist() for name, key in _KEYS.items()}
         return {**found, "priors": [[p.direction.tolist(), p.mean, p.std] for p in self.priors]}
 
@@ -87,10 +87,10 @@ class PictureFit:
 
 
 def read_pictures(table: Any) -> Pictures:
-    """Read the photographs of a joint fit, at most 16 over the whole stroke.
+    """Read the photographs for a joint fit: at most 16, spread over the whole stroke.
 
     Args:
-        table: path of a `measurements.nc`; every picture needs a pressure.
+        table: path to a `measurements.nc`; every picture needs a pressure.
 
     Raises:
         InputError: the table cannot be read, or a picture has no pressure.
@@ -98,7 +98,7 @@ def read_pictures(table: Any) -> Pictures:
     pictures = Pictures.of(table)
     if not np.isfinite(pictures.pressure).all():
         raise InputError(
-            f"{pictures.source}: every photograph needs its pressure, because the shape depends on it. Use "
+            f"{pictures.source}: every photograph needs a pressure, because the shape depends on it. Run "
             "famjax measure --log with a log that contains the pressure, or famjax characterise"
         )
     wanted = np.linspace(pictures.length.min(), pictures.length.max(), _MOST)
@@ -109,11 +109,11 @@ def read_pictures(table: Any) -> Pictures:
 def join(
     problem: Problem, best: End, pictures: Pictures, noise: float | None
 ) -> tuple[End, Problem, PictureFit]:
-    """Fit force and photographs together, starting from the best fit to the force.
+    """Fit force and photographs together, starting from the best fit to the force alone.
 
-    Each picture counts as one force reading, because its diameters have a common error. Forces are
-    weighted by `noise`, or by their RMSE if it is not stated. Diameters are weighted by their stated
-    error, or by their RMSE if it is larger.
+    Each picture counts as one force reading, because its diameters share a common error. Forces are
+    weighted by `noise`, or by their RMSE if `noise` is None. Diameters are weighted by the larger of
+    their stated error and their RMSE.
 
     Args:
         problem: problem with one force map and the shape from mechanics.
@@ -141,9 +141,9 @@ def join(
         lost = ~np.isfinite(computed).all(axis=1) | ~np.isfinite(slope).all(axis=(1, 2))
         if lost.any():
             raise InputError(
-                f"the muscle that fits the force has no stable shape in {int(lost.sum())} photographs, "
-                f"for example {pictures.names[int(np.argmax(lost))]}: check that the lengths and "
-                "pressures of force map and photographs agree"
+                f"the muscle that fits the force has no stable shape in {int(lost.sum())} of the "
+                f"photographs, for example {pictures.names[int(np.argmax(lost))]}: check that the lengths "
+                "and pressures in the force map and the photographs are consistent"
             )
         off = computed - measured
         if done < _WEIGHED:
@@ -165,13 +165,13 @@ def join(
             )  # fmt: skip
             return best, problem, fit
     raise InputError(
-        f"the fit of force and photographs did not converge in {_ROUNDS} rounds: give bounds or priors "
-        "for the parameters that the data do not determine"
+        f"the joint fit to force and photographs did not converge in {_ROUNDS} rounds: give bounds or "
+        "priors for the parameters that the data do not determine"
     )
 
 
 def _compressed(rows: np.ndarray, targets: np.ndarray) -> tuple[Prior, ...]:
-    """Compress weighted rows to priors with the same normal equations; rows of zeros are dropped."""
+    """Compress weighted rows into priors with the same normal equations; rows of zeros are dropped."""
     size = np.linalg.norm(rows, axis=0)
     Q, R = np.linalg.qr(rows / np.where(size > 0, size, 1.0))
     R, t = R * size, Q.T @ targets
@@ -185,7 +185,7 @@ def _compressed(rows: np.ndarray, targets: np.ndarray) -> tuple[Prior, ...]:
 def _diameters_and_slopes(
     family: MuscleFamily, p: AnyArray, length: AnyArray, pressure: AnyArray
 ) -> tuple[Float[Array, "n m"], Float[Array, "n m q"]]:
-    """Braid diameters [m] at `POSITIONS`, and their derivatives in the family's parameters."""
+    """Return braid diameters [m] at `POSITIONS`, and their derivatives in the family's parameters."""
 
     def diameters(p: Array) -> tuple[Array, Array]:
         muscle = family.build(dict(zip(family.nonlinear, p, strict=True)))

@@ -1,8 +1,8 @@
-"""Identify a plant from records of valve, pressure and force by multiple shooting.
+"""Identify a plant from records of valve signal, pressure and force by multiple shooting.
 
-A record is cut into pieces of equal length. The initial pressure of each piece is an unknown that must
-match the end of the previous piece, and so is the opening of the actuator at the start of the record. Later
-openings and the friction follow from the recorded signal and length.
+A record is cut into pieces of equal length. The initial pressure of each piece is unknown and must
+match the end of the previous piece. The opening of the actuator at the start of the record is also unknown;
+later openings and the friction follow from the recorded signal and length.
 """
 
 import dataclasses
@@ -34,15 +34,15 @@ FREE: Mapping[type, tuple[str, ...]] = {
 
 @dataclasses.dataclass(frozen=True)
 class PlantRecord:
-    """A test of one muscle on a machine, sampled at equal steps.
+    """Test of one muscle on a machine, sampled at equal time steps.
 
     Attributes:
         time: time [s], increasing, shape (n,).
-        signal: signal to valve or pump, 0 to 1 of the full output, held between samples.
+        signal: signal to the valve or pump, 0 to 1 as a fraction of full output, held between samples.
         pressure: measured gauge pressure P [Pa].
         length: active length L [m].
         force: measured force F [N]; None if not measured.
-        name: name in messages.
+        name: name used in messages.
     """
 
     time: Float[np.ndarray, " n"]
@@ -56,8 +56,8 @@ class PlantRecord:
         """Check the columns.
 
         Raises:
-            InputError: columns of different lengths, unequal time steps, values that are not finite, a
-                signal that is constant or outside 0 to 1, or an absolute pressure.
+            InputError: columns differ in length, time steps are unequal, values are not finite, the
+                signal is constant or outside 0 to 1, or the pressure is absolute.
         """
         columns = {
             field.name: np.asarray(value, float)
@@ -69,7 +69,7 @@ class PlantRecord:
             if values.shape != columns["time"].shape or not np.isfinite(values).all():
                 raise InputError(
                     f"{self.name}: {name} must be finite, with one value for each of the "
-                    f"{columns['time'].size} times: cut the record to where all columns are known"
+                    f"{columns['time'].size} times: trim the record to the part where all are known"
                 )
         steps = np.diff(self.time)
         if steps.size < 20 or not (steps > 0).all() or np.ptp(steps) > 0.5 * np.median(steps):
@@ -79,15 +79,15 @@ class PlantRecord:
             )
         if self.signal.min() < 0 or self.signal.max() > 1 or np.ptp(self.signal) == 0:
             raise InputError(
-                f"{self.name}: the signal to valve or pump must vary within 0 to 1 of the full output; "
-                f"got {self.signal.min():g} to {self.signal.max():g}. A set pressure is not a signal: "
-                "record the output of the controller"
+                f"{self.name}: the signal to the valve or pump must vary between 0 and 1 (full output); "
+                f"got {self.signal.min():g} to {self.signal.max():g}. A set pressure is not such a signal: "
+                "record the controller output"
             )
         if 85e3 < self.pressure.min() < 110e3:
             raise InputError(
                 f"{self.name}: pressures must be gauge pressures, but the lowest is "
                 f"{self.pressure.min() / 1e3:.4g} kPa, about one atmosphere: subtract the atmospheric "
-                "pressure, or start with a vented muscle"
+                "pressure, or start the record with a vented muscle"
             )
 
     @property
@@ -115,7 +115,7 @@ class PlantEstimate:
         name, unit: name and unit of the parameter.
         value: value in SI.
         stderr: standard error; nan at a bound.
-        at_bound: true at an end of its range.
+        at_bound: true if the value is at an end of its range.
     """
 
     name: str
@@ -133,8 +133,8 @@ class PlantFit:
         plant: plant with the identified parameters.
         estimates: identified parameters.
         covariance: their covariance.
-        pressure_rms, force_rms: residual RMS [Pa], [N]; nan without forces.
-        warnings: parameters that the records do not determine.
+        pressure_rms, force_rms: RMS of the residuals [Pa], [N]; the latter is nan without forces.
+        warnings: warnings about poorly determined parameters and small signals.
     """
 
     plant: Plant
@@ -145,7 +145,7 @@ class PlantFit:
     warnings: tuple[str, ...]
 
     def predict(self, record: PlantRecord) -> PlantState:
-        """Predict the states of a record from its signal, length and first pressure."""
+        """Predict the states along a record from its signal, length and first pressure."""
         opening, of = self.plant.circuit.opening(record.signal[0]), _pieces(record, math.inf)
         start = _beginnings(self.plant, of.inputs, of.step, record.time.size, opening)
         states = _simulated(self.plant, of.commands, start, of.step)
@@ -179,20 +179,21 @@ def identify_plant(
     """Identify the parameters of a plant from records of pressure and force.
 
     The residuals of pressure and measured force, each weighted by its remaining RMS, are minimised by
-    multiple shooting. The muscle itself is fixed: identify it by `identify`.
+    multiple shooting. The muscle itself is fixed: identify it with `identify`.
 
     Args:
         records: records of one muscle whose length is driven by the machine.
-        plant: circuit, muscle and friction with initial guesses, and `DrivenLength`.
+        plant: plant with a `DrivenLength`; its parameters are the initial guesses.
         free: names of the parameters to identify in circuit, friction (`friction.share`) and plant
-            (`viscosity`); by default those of `FREE`, the share of friction and the viscosity.
+            (`viscosity`); by default those in `FREE`, and the friction share and viscosity if force
+            was measured while the length changed.
 
     Returns:
-        The plant with standard errors and warnings.
+        The identified plant, with standard errors and warnings.
 
     Raises:
-        InputError: the plant does not have one driven muscle, a name is unknown, a record is sampled
-            too slowly for the lag.
+        InputError: the plant does not have one driven muscle, a name is unknown, or a record is
+            sampled too slowly for the lag.
         RuntimeError: float64 is off.
 
     References:
@@ -202,8 +203,8 @@ def identify_plant(
     check_float64()
     if not records or plant.load.moves:
         raise InputError(
-            "identifying a plant needs records of one muscle whose length a machine drives: give a "
-            "Plant with a DrivenLength and at least one PlantRecord"
+            "a plant is identified from records of one muscle whose length is driven by a machine: pass "
+            "a Plant with a DrivenLength, and at least one PlantRecord"
         )
     numbers = _numbers(plant)
     names = _free(plant, numbers, records, free)
@@ -211,7 +212,7 @@ def identify_plant(
     if "lag" in names and slow.step > 2 * float(plant.circuit.lag):
         raise InputError(
             f"{slow.name} is sampled every {slow.step * 1e3:.3g} ms, too slowly to determine a lag of "
-            f"about {float(plant.circuit.lag) * 1e3:.3g} ms: record faster, or leave lag out of free"
+            f"about {float(plant.circuit.lag) * 1e3:.3g} ms: sample faster, or leave lag out of free"
         )
     declared = [numbers[name][0] for name in names]
     problem = _Shooting(plant, names, [_pieces(one) for one in records])
@@ -238,7 +239,7 @@ def identify_plant(
 
 
 def _numbers(plant: Plant) -> dict[str, tuple[Declared, float]]:
-    """Declaration and value of every parameter of circuit, friction and plant, by name."""
+    """Return declaration and value of every parameter of circuit, friction and plant, by name."""
     found = {}
     for prefix, part in (("", plant.circuit), ("friction.", plant.friction)):
         if isinstance(part, Parametrised):
@@ -253,7 +254,7 @@ def _free(
     records: Sequence[PlantRecord],
     free: Sequence[str] | None,
 ) -> tuple[str, ...]:
-    """Names of the parameters to identify."""
+    """Return the names of the parameters to identify."""
     if free is None:
         free = FREE.get(type(plant.circuit), tuple(plant.circuit.declared()))
         if any(one.force is not None and np.ptp(one.length) > 0 for one in records):
@@ -272,7 +273,7 @@ def _scale(declared: Declared, value: float) -> float:
 
 
 def _with(plant: Plant, names: Sequence[str], values: Sequence[Any]) -> Plant:
-    """Return the plant with other values of some parameters."""
+    """Return the plant with new values for some parameters."""
     given = dict(zip(names, values, strict=True))
     friction = {n.partition(".")[2]: given.pop(n) for n in [*given] if n.startswith("friction.")}
     if "viscosity" in given:
@@ -284,7 +285,7 @@ def _with(plant: Plant, names: Sequence[str], values: Sequence[Any]) -> Plant:
 
 
 class _Inputs(NamedTuple):
-    """Columns of a record given to a plant, shape (n,); the pressure is used where pieces begin."""
+    """Columns of a record that drive a plant, shape (n,); the pressure is used where pieces begin."""
 
     signal: Float[Array | np.ndarray, " n"]
     length: Float[Array | np.ndarray, " n"]
@@ -292,7 +293,7 @@ class _Inputs(NamedTuple):
 
 
 class _Pieces(NamedTuple):
-    """A record in pieces, with commands (m, n), and pressure and force (m, n + 1)."""
+    """A record cut into m pieces: commands of shape (m, n), pressure and force of shape (m, n + 1)."""
 
     step: float
     inputs: _Inputs
@@ -302,7 +303,7 @@ class _Pieces(NamedTuple):
 
 
 def _pieces(record: PlantRecord, seconds: float = 1.0) -> _Pieces:
-    """Cut a record into pieces of equal length; samples left over at its end are not used."""
+    """Cut a record into pieces of equal length; samples left over at the end are not used."""
     last, step = record.time.size - 1, record.step
     count = max(1, min(last, round(min(seconds / step, last))))
     at = np.arange(last // count)[:, None] * count + np.arange(count + 1)
@@ -317,9 +318,10 @@ def _pieces(record: PlantRecord, seconds: float = 1.0) -> _Pieces:
 def _beginnings(
     plant: Plant, inputs: _Inputs, step: float, every: int, opening: Real
 ) -> PlantState:
-    """States at which pieces begin, with the measured pressures; leading axis (m,).
+    """Return the states at which pieces begin, at the measured pressures; leading axis (m,).
 
-    Openings and friction depend only on signal, length and pressure, so they follow for the whole record.
+    Openings and friction depend only on signal, length and pressure, so they are computed for the whole
+    record.
     """
     first = plant.start(inputs.length[0], inputs.pressure[0])
     first = eqx.tree_at(lambda one: one.opening, first, jnp.asarray(opening))
@@ -343,7 +345,7 @@ def _beginnings(
 
 @eqx.filter_jit
 def _simulated(plant: Plant, commands: Command, start: PlantState, step: float) -> PlantState:
-    """States after every sample of the pieces, shape (m, n)."""
+    """Return the states after every sample of the pieces, shape (m, n)."""
     substeps = max(1, round(step / TICK))
 
     def one(state: PlantState, command: Command) -> tuple[PlantState, PlantState]:
@@ -367,7 +369,7 @@ def _shot(
     opening: Float[Array, ""],
     first: Float[Array, " m"],
 ) -> tuple[Float[Array, "m 2 n"], Float[Array, "columns m 2 n"]]:
-    """Pressures and forces of the pieces, with their derivatives.
+    """Return the pressures and forces along the pieces, with their derivatives.
 
     Args:
         plant: plant with the fixed parameters.
@@ -380,8 +382,8 @@ def _shot(
         first: initial pressure [Pa] of each piece.
 
     Returns:
-        (values, columns), the latter with respect to the parameters, the opening, and the initial
-        pressure of the same piece.
+        (values, columns); the columns are derivatives with respect to the parameters, the opening, and
+        the initial pressure of the same piece.
     """
     number, count = commands.signal.shape
 
@@ -399,7 +401,7 @@ def _shot(
 
 
 class _Shooting:
-    """Residuals of all pieces with their derivatives."""
+    """Residuals of all pieces, with their derivatives."""
 
     def __init__(self, plant: Plant, names: tuple[str, ...], pieces: list[_Pieces]) -> None:
         self.plant, self.names, self.pieces = plant, names, pieces
@@ -411,7 +413,7 @@ class _Shooting:
         self._last: tuple[bytes, list] = (b"", [])
 
     def noise(self) -> np.ndarray:
-        """Standard deviations of pressure and force readings, from their second differences."""
+        """Return the standard deviations of pressure and force readings, from second differences."""
 
         def of(values: list[np.ndarray]) -> float:
             second = np.concatenate([np.diff(one, 2, axis=1).ravel() for one in values])
@@ -423,7 +425,7 @@ class _Shooting:
         return np.array([of([one.pressure for one in self.pieces]), of(forces) if forces else 1.0])
 
     def _parts(self, u: np.ndarray, scale: np.ndarray) -> list[tuple[int, np.ndarray, np.ndarray]]:
-        """Kinds (0 pressure, 1 force, 2 start, 3 jump) of residuals, with values and derivatives."""
+        """Return all residuals: kind (0 pressure, 1 force, 2 start, 3 jump), values and derivatives."""
         key = u.tobytes() + scale.tobytes()
         if self._last[0] == key:
             return self._last[1]
@@ -450,19 +452,19 @@ class _Shooting:
         return parts
 
     def residual(self, u: np.ndarray, scale: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-        """Model minus readings and jumps between pieces, in standard deviations."""
+        """Return model minus readings, and the jumps between pieces, in standard deviations."""
         std = [*sigma, sigma[0], sigma[0] / _JOINED]
         return np.concatenate([off.ravel() / std[kind] for kind, off, _ in self._parts(u, scale)])
 
     def jacobian(self, u: np.ndarray, scale: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-        """Derivatives of the residual."""
+        """Return the derivatives of the residual."""
         std = [*sigma, sigma[0], sigma[0] / _JOINED]
         return np.concatenate(
             [slope.reshape(-1, u.size) / std[kind] for kind, _, slope in self._parts(u, scale)]
         )
 
     def left(self, u: np.ndarray, scale: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-        """Root mean squares of the residuals of pressure and force."""
+        """Return the root mean squares of the pressure and force residuals."""
         left = sigma.copy()
         for kind in (0, 1):
             off = [one.ravel() for of, one, _ in self._parts(u, scale) if of == kind]
@@ -479,7 +481,7 @@ def _summary(
     sigma: np.ndarray,
     bounds: tuple[np.ndarray, np.ndarray],
 ) -> PlantFit:
-    """Estimates with standard errors and warnings."""
+    """Return the fit: estimates with standard errors, and warnings."""
     k, names = len(problem.names), problem.names
     values = found.x[:k] * scale
     near = 1e-6 * np.maximum(np.abs(found.x[:k]), 1e-3)
@@ -502,7 +504,7 @@ def _summary(
     )
     warnings = [f"{one.name} is at an end of its range" for one in estimates if one.at_bound]
     warnings += [
-        f"the records hardly determine {one.name}: {one.value:.3g} +- {one.stderr:.2g} {one.unit}".rstrip()
+        f"the records barely determine {one.name}: {one.value:.3g} +- {one.stderr:.2g} {one.unit}".rstrip()
         for one in estimates if one.stderr > 0.5 * abs(one.value)
     ]  # fmt: skip
     correlation = covariance / np.outer(errors, errors)

@@ -45,7 +45,7 @@ Geometry = (
     | str
     | Mapping[str, AbstractGeometrySource]
 )
-"""Accepted types for a geometry; a mapping gives one per specimen name."""
+"""Accepted types of geometry; a mapping contains one for each specimen name."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,8 +57,8 @@ class Posed:
         problem: optimisation problem.
         table: all parameters by name, SI.
         law: bladder law.
-        constraint: as in `identify`.
-        near: values [SI] by name around which the starts are drawn; None to use the whole box.
+        constraint: constraint on the coefficients, see `identify`.
+        near: values [SI] by name around which starting points are sampled; None to use the whole box.
     """
 
     data: tuple[ForceData, ...]
@@ -69,7 +69,7 @@ class Posed:
     near: Mapping[str, float] | None = None
 
     def starts(self, count: int, seed: int) -> Float[np.ndarray, "k p"]:
-        """Draw starting points in the unit box of the free parameters."""
+        """Sample starting points in the unit box of the free parameters."""
         free, cube = self.problem.free, latin_hypercube(len(self.problem.free), count, seed)
         if self.near is None:
             return cube
@@ -82,7 +82,7 @@ class Posed:
 
 _SCATTER = 0.1  # width of the starts around `near`, relative to the box
 EXCHANGES = 8
-"""Spare stations, filled with points between the others at which the constraint is violated."""
+"""Number of spare stations, used for points between the others where the constraint is violated."""
 
 
 def pose(
@@ -101,19 +101,19 @@ def pose(
     program: Callable[[Problem], Problem] = lambda problem: problem,
     near: Mapping[str, float] | None = None,
 ) -> Posed:
-    """Set up the fit for the arguments of `identify` or `identify_together`.
+    """Set up the fit that the arguments of `identify` or `identify_together` describe.
 
     `program` embeds the problem in a shared compiled program, see `Within`; for `near`, see `Posed`.
 
     Raises:
-        InputError: the data cannot support the fit; the message gives the reason.
+        InputError: the data do not support the fit; the message gives the reason.
         RuntimeError: float64 is off.
     """
     check_float64()
     data, own = several_maps(data), check_names("own", own)
     names = [one.specimen.name for one in data]
     if len(set(names)) < len(names) or not names:
-        raise InputError(f"specimens identified together need different names, got {names}")
+        raise InputError(f"specimens identified together must have different names, got {names}")
     check_mapping("bounds", bounds, "from names to (low, high) in SI")
     check_mapping("parameters", parameters, "from names to fitting.Parameter")
     bounds, parameters = dict(bounds or {}), dict(parameters or {})
@@ -121,13 +121,13 @@ def pose(
     check_law(family, constraint)
     if len(data) > 1 and isinstance(geometry, AbstractGeometry | AbstractGeometrySource):
         raise InputError(
-            "a known geometry is that of one specimen: give a class or a function of the estimated "
+            "a known geometry applies to one specimen only: pass a class, or a function of the estimated "
             f"geometry, such as lambda shape: EndEffectGeometry(shape, 1.0); got {type(geometry)}"
         )
     if len({one.force_std is None for one in data}) > 1:
         raise InputError(
-            "some specimens have standard deviations of their forces (force_std) and some have "
-            "not: readings identified together must be weighted alike, so give force_std for all or none"
+            "some specimens have standard deviations of the force (force_std) and others do not: readings "
+            "identified together must be weighted in the same way, so give force_std for all or for none"
         )
     sources = [source_of(one, geometry, (*bounds, *parameters)) for one in data]
     tables = [
@@ -139,7 +139,9 @@ def pose(
         raise InputError(f"own parameter {unknown[0]!r} is not one of {', '.join(tables[0])}")
     mixed = [name for name in own if name in {**family.shape, **family.coefficients}]
     if mixed:
-        raise InputError(f"{mixed[0]} belongs to the law, which all specimens share")
+        raise InputError(
+            f"{mixed[0]} belongs to the law, which all specimens share: omit it from own"
+        )
     for one, source, table in zip(data, sources, tables, strict=True):
         check_specimen(one, source, table, noise, censored=censored)
     table: dict[str, Entry] = {}
@@ -194,8 +196,8 @@ def _table(
     twice = [*(of_terms.keys() & source.declared.keys()), *(declared.keys() & rows.keys())]
     if twice:
         raise InputError(
-            f"{twice[0]} is a parameter of two parts, of law, geometry and terms: give one of them another "
-            "name, by famjax.parameter(name=...)"
+            f"{twice[0]} is declared by more than one of law, geometry and terms: rename one with "
+            "famjax.parameter(name=...)"
         )
     own = {name: Entry(one.low, one.high, one.kind) for name, one in declared.items()}
     return complete_table(data.specimen, rows, bounds, parameters, own)
@@ -217,8 +219,8 @@ def source_of(
         return KnownSource(geometry, tuple(n for n in geometry.declared() if n in named))
     if not callable(geometry):
         raise InputError(
-            "a geometry is one of famjax.geometries, or a class, a function or module:Class that makes "
-            f"one of the estimated geometry; got a {type(geometry).__name__}"
+            "geometry must be a geometry from famjax.geometries, or a class, function or module:Class that "
+            f"wraps the estimated geometry; got a {type(geometry).__name__}"
         )
     wrapped = WrappedSource(EstimatedSource(data.specimen), cast(Any, geometry))
     return dataclasses.replace(wrapped, identified=tuple(n for n in wrapped.declared if n in named))
@@ -229,8 +231,8 @@ def _shared(name: str, of_each: Sequence[Entry]) -> Entry:
     low, high = max(one.min for one in of_each), min(one.max for one in of_each)
     if low > high:
         raise InputError(
-            f"{name} cannot be shared: one specimen has it at {low:.6g} or above, another at "
-            f"{high:.6g} or below (SI); name it in own, or give bounds that hold for all"
+            f"{name} cannot be shared: one specimen requires at least {low:.6g}, another at most "
+            f"{high:.6g} (SI). Name it in own, or give bounds that suit all specimens"
         )
     return dataclasses.replace(of_each[0], min=low, max=high)
 
@@ -239,9 +241,9 @@ def _interval(name: str, entry: Entry) -> tuple[float, float]:
     """Return the bounds of a searched parameter, which must be finite."""
     if not math.isfinite(entry.max - entry.min):
         raise InputError(
-            f"{name} is searched and needs finite bounds, got {entry.min:.4g} to {entry.max:.4g} (SI): "
-            "declare it by famjax.parameter(low=..., high=...), give bounds, or declare linear=True with "
-            'kind="stress" if the force is linear in it'
+            f"{name} is searched, so it needs finite bounds; got {entry.min:.4g} to {entry.max:.4g} (SI): "
+            "declare it with famjax.parameter(low=..., high=...), give bounds, or declare it with "
+            'linear=True and kind="stress" if the force is linear in it'
         )
     return entry.min, entry.max
 
@@ -262,8 +264,9 @@ def _part(
 ) -> Part:
     """Build the part of the problem for one force map.
 
-    A law independent of pressure has a path from rest to the shortest length in the map. Any other has
-    one at each pressure, to the longest slack length or else the shortest loaded one.
+    If the law does not depend on pressure, the path runs from rest to the shortest length in the map.
+    Otherwise there is one path at each pressure, to the longest slack length or, if there is none, to
+    the shortest loaded length.
     """
     mine = own_names(names, data.specimen.name)
     levels = np.unique(data.pressures.level[data.loaded])
@@ -300,12 +303,12 @@ def _part(
 
 
 def own_names(names: Sequence[str], specimen: str) -> tuple[str, ...]:
-    """Return the shared parameters and those of this specimen."""
+    """Return the names of the shared parameters and of those that belong to this specimen."""
     return tuple(n for n in names if "[" not in n or n.endswith(f"[{specimen}]"))
 
 
 def path_end_at(data: ForceData, level: float) -> float:
-    """Shortest length [m] of the actuation path at a pressure level [Pa]."""
+    """Return the shortest length [m] of the actuation path at a pressure level [Pa]."""
     at = data.pressures.level == level
     shortest_loaded = data.length[at & data.loaded].min()
     slack = data.length[at & data.slack & (data.length < shortest_loaded)]
@@ -315,7 +318,7 @@ def path_end_at(data: ForceData, level: float) -> float:
 def own_parts(
     data: Sequence[ForceData], geometry: str | type | None, terms: Sequence[str | type]
 ) -> tuple[dict[str, Any], dict[str, Declared]]:
-    """Convert custom classes to options of `identify`, with the parameters they declare.
+    """Convert custom classes to options for `identify`, with the parameters they declare.
 
     Args:
         data: force maps that share these parts.
@@ -343,7 +346,7 @@ def own_parts(
             term = kind.template()
         except ValueError as error:
             raise InputError(
-                f"the force term {path} cannot be identified by its class: {error}"
+                f"the force term {path} cannot be created from its class alone: {error}"
             ) from None
         options["terms"] = options["terms"] + term if "terms" in options else term
     if terms:
@@ -355,5 +358,5 @@ def own_parts(
 def taking_part(
     declared: Mapping[str, Declared], named: Mapping[str, object]
 ) -> dict[str, Parameter]:
-    """Free the declared parameters that the user has not named, in their declared ranges."""
+    """Free the declared parameters that the user has not named, within their declared ranges."""
     return {name: Parameter() for name in declared if name not in named}

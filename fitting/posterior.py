@@ -1,6 +1,6 @@
 """Sample the posterior of an identification.
 
-Chains of the No-U-Turn sampler (BlackJAX) explore the density of `fitting.density`.
+Chains of the No-U-Turn sampler (BlackJAX) explore the density defined in `fitting.density`.
 
 References:
     Hoffman & Gelman 2014, JMLR 15; Betancourt 2017, arXiv:1701.02434 (multinomial trajectories,
@@ -56,13 +56,13 @@ class Posterior:
     """Draws from the posterior of an identification.
 
     Attributes:
-        names: names of the free parameters: nonlinear ones, coefficients, and an unknown `noise` [N], or
-            `noise_factor` on the standard deviations of the readings.
+        names: names of the free parameters: nonlinear ones, coefficients and, if the noise is unknown,
+            `noise` [N] or `noise_factor`, which multiplies the standard deviations of the readings.
         kinds: kinds of their units.
         samples: values [SI], shape (chains, draws, parameters).
         divergent: true for divergent trajectories, shape (chains, draws). If there are more than a few,
-            the draws miss a part of the posterior.
-        noise: known standard deviation of a reading [N], or the known factor.
+            the draws miss part of the posterior.
+        noise: known standard deviation of a reading [N], or the known factor; None if it was sampled.
     """
 
     names: tuple[str, ...]
@@ -82,7 +82,7 @@ class Posterior:
         """Return the draws of one parameter [SI].
 
         Raises:
-            ValueError: no such parameter.
+            ValueError: there is no such parameter.
         """
         return self.samples[:, :, self.names.index(name)]
 
@@ -126,14 +126,14 @@ _DOUBLINGS = 8  # maximum per trajectory
 
 
 Drawn = tuple[Array, Array, Array, Array]
-"""Parameters [SI], coefficients, noise, whether the trajectory diverged; axes of chains and draws first."""
+"""Parameters [SI], coefficients, noise, divergence; the first axes are chains and draws."""
 
 
 def load_blackjax() -> Any:
-    """Import the sampler's package.
+    """Import and return blackjax, which contains the sampler.
 
     Raises:
-        InputError: it is not installed.
+        InputError: blackjax is not installed.
     """
     try:
         return importlib.import_module("blackjax")
@@ -148,7 +148,7 @@ def load_blackjax() -> Any:
 
 @quick_jit
 def drawn(density: Density, keys: Array, warmup: int, draws: int) -> Drawn:
-    """Start dispersed chains, tune each during warm-up draws that are discarded, and draw."""
+    """Start dispersed chains, tune each during a discarded warm-up, and return the draws."""
     blackjax, d = load_blackjax(), density.box.mean.shape[0]
     adapt = blackjax.window_adaptation(
         blackjax.nuts, density, is_mass_matrix_diagonal=False, target_acceptance_rate=0.9,
@@ -181,12 +181,13 @@ def sample(
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
 ) -> Posterior:
-    """Draw from the posterior of an identification.
+    """Sample the posterior of an identification.
 
-    Readings are the model's force plus independent normal noise. Nonlinear parameters are uniform within
-    their bounds, times their priors; coefficients have a flat prior on the set allowed by the constraint,
-    times theirs. Active constraints are sampled by their slack; a trajectory that meets another constraint
-    ends there and counts as divergent. The sampler is NUTS (blackjax).
+    Readings are assumed to be the model's force plus independent normal noise. Nonlinear parameters have a
+    uniform prior within their bounds, and coefficients a flat prior on the set allowed by the constraint;
+    both are multiplied by the stated priors. Active constraints are sampled in terms of their slack; a
+    trajectory that meets another constraint ends there and counts as divergent. The sampler is NUTS
+    (blackjax).
 
     Args:
         result: from `identify` or `identify_together`; with `objective="huber"` the readings keep their
@@ -194,20 +195,20 @@ def sample(
         draws: draws of each chain after the warm-up.
         warmup: tuning draws of each chain.
         chains: number of chains, from dispersed starts.
-        noise: known standard deviation of a reading [N], or (low, high) [N] to sample it with a uniform
-            logarithm. If readings have standard deviations, a multiple of these. By default it is sampled
-            up to the largest force; the lower limit is the noise assumed in the fit (standard
-            deviations, error of the laws for a chosen family, or noise of the priors), or else 1e-4 of
-            the largest force.
-        seed: seed of the draws.
-        progress: called with (0, 1) before the draws.
+        noise: known standard deviation of a reading [N], or (low, high) [N] to sample it with a
+            log-uniform prior. If readings have standard deviations, it is a factor on these. By default
+            it is sampled up to the largest force; the lower limit is the noise assumed in the fit
+            (standard deviations, error of the laws for a chosen family, or noise used with priors), or
+            else 1e-4 of the largest force.
+        seed: random seed of the draws.
+        progress: called with (0, 1) before sampling.
 
     Returns:
         The draws, with R-hat and effective sizes.
 
     Raises:
-        InputError: blackjax is not installed, the fit did not converge, or coefficients are not
-            determined.
+        InputError: blackjax is not installed, the fit did not converge, or the data do not determine
+            the coefficients.
         RuntimeError: float64 is off.
 
     References:
@@ -248,7 +249,7 @@ def sample(
 
 
 def _noise(result: Identification, noise: Noise | None) -> Noise:
-    """Noise in the unit of the weighted residual, or the limits of its interval."""
+    """Return the noise in the unit of the weighted residual, or the limits of its interval."""
     if noise is None:
         problem = result.problem
         largest = max(float(np.abs(part.force * part.weight).max()) for part in problem.parts)
@@ -256,17 +257,17 @@ def _noise(result: Identification, noise: Noise | None) -> Noise:
         return (problem.noise if said else 1e-4 * largest), largest
     ends = noise if isinstance(noise, tuple) else (noise, noise)
     if not (len(ends) == 2 and 0 < ends[0] <= ends[1] < math.inf):
-        raise InputError(f"noise must be one standard deviation > 0, or (low, high); got {noise}")
+        raise InputError(f"noise must be a standard deviation > 0, or (low, high); got {noise}")
     return noise if isinstance(noise, tuple) and ends[0] < ends[1] else float(ends[0])
 
 
 def _weighted(result: Identification) -> bool:
-    """True if readings were weighted by standard deviations."""
+    """Return True if readings were weighted by standard deviations."""
     return max(float(part.weight.max()) for part in result.problem.parts) != 1.0
 
 
 def posterior_as_dict(posterior: Posterior) -> dict[str, Any]:
-    """Posterior as JSON-ready data in SI."""
+    """Return the posterior as JSON-ready data in SI."""
     chains, draws, _ = posterior.samples.shape
     return {
         "chains": chains,
@@ -279,7 +280,7 @@ def posterior_as_dict(posterior: Posterior) -> dict[str, Any]:
 
 
 def posterior_warnings(posterior: Posterior, rmse: float) -> tuple[str, ...]:
-    """Warnings about the draws.
+    """Return warnings about the draws.
 
     Args:
         posterior: from `sample`.
@@ -288,19 +289,20 @@ def posterior_warnings(posterior: Posterior, rmse: float) -> tuple[str, ...]:
     found = []
     if not posterior.converged:
         found.append(
-            f"The chains of the posterior did not converge: R-hat {posterior.r_hat:.3f} (at most "
-            f"{R_HAT}), effective size {posterior.effective_size:.0f} (at least {EFFECTIVE:.0f}). Use "
-            "more draws (sample(draws=...)), or hold parameters that the readings do not determine."
+            f"The posterior chains did not converge: R-hat is {posterior.r_hat:.3f} (must be at most "
+            f"{R_HAT}), the effective size {posterior.effective_size:.0f} (must be at least "
+            f"{EFFECTIVE:.0f}). Use more draws (sample(draws=...)), or fix parameters that the readings "
+            "do not determine."
         )
     divergent = float(posterior.divergent.mean())
     if divergent > 0.01:
         found.append(
-            f"{100 * divergent:.1f} % of the trajectories of the posterior diverged: the draws miss a part "
-            "of it."
+            f"{100 * divergent:.1f} % of the posterior trajectories diverged: the draws miss part of the "
+            "posterior."
         )
     if posterior.noise is not None and rmse > 1.5 * posterior.noise:
         found.append(
-            f"The readings scatter {rmse / posterior.noise:.2g} times as much about the model as the given "
+            f"The scatter of the readings about the model is {rmse / posterior.noise:.2g} times the given "
             "noise: the posterior is too narrow by this factor. Give a larger noise."
         )
     return tuple(found)

@@ -1,7 +1,7 @@
-"""Predict with a fit: forces with error bands, onset pressures, and forces along a history.
+"""Make predictions from a fit: forces with error bands, onset pressures, and forces along a history.
 
-The model is smooth through zero, as roots and gradients require. A real muscle buckles and does not push,
-so a reported force and both ends of its band are never below 0 N.
+The model's force passes smoothly through zero, as root finding and gradients require. A real muscle buckles
+instead of pushing, so a reported force and both ends of its band are never below 0 N.
 """
 
 import dataclasses
@@ -31,10 +31,10 @@ NORMAL_95 = 1.96
 _SAME = 5e-4  # relative difference below which two lengths are the same
 
 _FARTHEST = 3.4
-"""Ratio of rest lengths up to which predictions from one specimen were tested (83 and 281 mm)."""
+"""Largest ratio of rest lengths for which predictions from one specimen were tested (83 and 281 mm)."""
 
 _MOST = 10.0
-"""Force beyond the measured lengths, relative to the largest reading, above which a law is not trusted."""
+"""Largest trusted force outside the measured lengths, relative to the largest reading."""
 
 
 def predict(
@@ -45,11 +45,11 @@ def predict(
     onset: bool = False,
     rest_length: float | None = None,
 ) -> list[Row]:
-    """Predict the force of an identified muscle at every pair of a length and a pressure.
+    """Predict the force of an identified muscle at every combination of length and pressure.
 
     Args:
         fit: from `load_fit` or `identify`.
-        length: active lengths [m] as measured by the rig of the fit, > 0.
+        length: active lengths [m] as measured by the rig used for the fit, > 0.
         pressure: gauge pressures [Pa], >= 0; may be empty with `onset`.
         onset: also return the pressure at which the force rises from zero at each length.
         rest_length: L0 [m] of another muscle of the same series, see `famjax.cut_to_length`; None for
@@ -58,29 +58,32 @@ def predict(
     Returns:
         Rows with `length_m, pressure_Pa, force_N, model_force_N, slack, inside, outside`.
         `model_force_N` is the force that the rig would measure if the muscle could push, and `force_N`
-        is the same clipped at 0; `slack` is true where the model does not pull. All three are null if
-        the model has no force, beyond the limits of the braid, and where the force beyond the measured
-        lengths exceeds ten times the largest reading. `inside` is true if contraction and pressure (and
-        rest length, in a series) are within the fitted data; otherwise `outside` gives the reason.
+        is the same clipped at 0; `slack` is true where the model does not pull. All three are null
+        where the model's force is undefined, beyond the limits of the braid, and where the force outside
+        the measured lengths exceeds ten times the largest reading. `inside` is true if contraction and
+        pressure (and rest length, in a series) are within the fitted data; otherwise `outside` gives the
+        reason.
         `force_std_N` is the standard deviation of a reading about the model's force. The interval from
         `low_95_N` to `high_95_N` contains 95 % of the readings. It includes 0 where the muscle is slack,
-        and where a slack reading at no smaller length and no lower pressure shows the same. The error is
-        null if unknown: at another rest length, it is known only for a series and for a model
-        chosen without stated deadband and rig. In the latter case the force is the mean over all models
-        that the map cannot refute, see `fitting.series.accounts`. `band` names the sources of error:
-        "left out" (see `ModelError`), "bootstrap" or "linear" for the parameters, "specimens" of a
+        and where it was slack in a reading at the same or a greater length and pressure. The error is
+        null if unknown: at another rest length, it is known only for a series and for a model that was
+        chosen without a stated deadband or rig. In the latter case the force is the mean over all models
+        that the map does not rule out, see `fitting.series.accounts`. `band` names the sources of error:
+        "left out" (see `ModelError`), "bootstrap" or "linear" for the parameters, "specimens" for a
         series, "one specimen" for another rest length, and "shared errors" if stated.
-        With `onset`, rows `length_m, onset_pressure_Pa, inside, outside` follow; null if there is no
-        onset up to three times the highest measured pressure.
+        With `onset`, rows `length_m, onset_pressure_Pa, inside, outside` follow. The onset pressure is
+        null if there is no onset up to three times the highest measured pressure.
 
     Raises:
-        InputError: lengths, pressures or the rest length are not possible.
+        InputError: a length, a pressure or the rest length is impossible.
     """
     check_identified(fit)
     length = np.atleast_1d(check_numbers("length", length))
     pressure = np.atleast_1d(check_numbers("pressure", pressure))
     if not length.size or not (pressure.size or onset):
-        raise InputError("a prediction needs a length, and also a pressure unless onset is set")
+        raise InputError(
+            "a prediction needs at least one length and, unless onset is set, at least one pressure"
+        )
     _check_lengths(length)
     if not (np.isfinite(pressure).all() and (pressure >= 0).all()):
         raise InputError(f"gauge pressures must be >= 0, got {pressure.min():.6g} Pa")
@@ -92,7 +95,7 @@ def predict(
         except (ValueError, eqx.EquinoxRuntimeError):
             cannot = f"this muscle cannot be cut to {rest_length:.4g} m"
             raise InputError(
-                f"{cannot}: its ends are longer, or its geometry was measured"
+                f"{cannot}: its ends are longer than this, or its geometry was measured"
             ) from None
     rows: list[Row] = []
     if pressure.size:
@@ -113,7 +116,7 @@ def static_rows(
     *,
     rest_length: float | None = None,
 ) -> list[Row]:
-    """Rows of `predict` at valid pairs of lengths and pressures."""
+    """Return the rows of `predict` at valid pairs of length and pressure."""
     found = model_forces(fit, length, pressure, rest_length=rest_length)
     seen = np.zeros(length.size, bool)
     if rest_length is None:
@@ -132,7 +135,7 @@ def _outside(why: str | None) -> Row:
 
 @dataclasses.dataclass(frozen=True)
 class ModelForces:
-    """Unclipped forces of a fit; nan where there is none.
+    """Unclipped forces predicted by a fit; nan where the force is undefined or withheld.
 
     Attributes:
         force: force that the rig would measure if the muscle could push [N].
@@ -204,10 +207,10 @@ def model_forces(
 def _pull(
     fit: Identification, length: Column, pressure: Column, rest_length: float | None
 ) -> tuple[Column, Column]:
-    """Forces in the rig, with the standard deviation by linear theory.
+    """Return the forces in the rig, with their standard deviation from linear theory.
 
-    For a series, average over its two rig models with the deviation of the first. For another rest
-    length of a chosen model, average over all models that predict other lengths.
+    For a series, the force is averaged over its two rig models, and the standard deviation is that of the
+    first. For another rest length of a chosen model, both come from all models that predict other lengths.
     """
     of = functools.partial(pull, length=length, pressure=pressure, rest_length=rest_length)
     outlook = fit.outlook
@@ -223,13 +226,13 @@ def _pull(
 
 
 def _directions(fit: Identification) -> Float[np.ndarray, "directions numbers"]:
-    """Directions in which the muscle's numbers vary, by linear theory unless known otherwise."""
+    """Return the directions in which the muscle's numbers vary: stored ones, or from linear theory."""
     known = fit.outlook.directions
     return muscle_spread(fit) if known is None else known
 
 
 def _figures(found: ModelForces, seen_slack: Bool[np.ndarray, " n"]) -> list[Row]:
-    """Entries of each row for a muscle that only pulls."""
+    """Return the entries of each row for a muscle that can only pull."""
     slack, low, high = reported(found.force, found.half, seen_slack, found.narrowest)
     columns = np.where(slack, 0.0, found.force), found.force, found.std, low, high
     names = "force_N", "model_force_N", "force_std_N", "low_95_N", "high_95_N"
@@ -265,10 +268,10 @@ def reported(
 
 
 def seen_slack(fit: Identification, length: Column, pressure: Column) -> Bool[np.ndarray, " n"]:
-    """True where a reading shows that the muscle does not pull.
+    """Return True where a reading shows that the muscle does not pull.
 
     A slack muscle stays slack if it is shortened or its pressure is reduced. A slack reading is ignored
-    if another reading pulls at no greater length and no higher pressure.
+    if the muscle pulls in another reading at no greater length and no higher pressure.
 
     Args:
         fit: a fit with its readings.
@@ -302,10 +305,10 @@ class Reach:
     def __init__(self, fit: Identification, rest_length: float | None) -> None:
         muscle, fitted, series = fit.muscle, float(fit.muscle.rest_length), fit.outlook.series
         ratios, pressures = fit.data.length / fitted, fit.data.pressure
-        rest, self.whose = (fitted / _FARTHEST, fitted * _FARTHEST), "the tested range,"
+        rest, self.whose = (fitted / _FARTHEST, fitted * _FARTHEST), "the tested range"
         if series is not None:
             ratios, pressures = np.array(series["length_ratios"]), series["pressures_Pa"]
-            rest, self.whose = series["rest_lengths_m"], "the specimens'"
+            rest, self.whose = series["rest_lengths_m"], "the range of the specimens"
         if rest_length is not None:
             muscle = famjax.cut_to_length(muscle, rest_length)
         self.rest_length = fitted if rest_length is None else rest_length
@@ -327,15 +330,15 @@ class Reach:
     def outside(
         self, length: float, pressure: float, model_force: float
     ) -> tuple[str | None, bool]:
-        """Return the most serious reason why a state is outside the fitted data, and if it has no answer.
+        """Return the main reason why a state is outside the fitted data, and whether its force is withheld.
 
         Beyond the limits of the braid the geometry is not physical, and far from the measured strains the
-        law is arbitrary. States within the measured lengths are always answered.
+        law is arbitrary. Within the measured lengths, a defined force is never withheld.
 
         Args:
             length: active length [m].
             pressure: gauge pressure [Pa].
-            model_force: unclipped force [N]; nan if the model has none.
+            model_force: unclipped force [N]; nan if it is undefined.
 
         Returns:
             (reason, true if no force is reported); (None, False) inside the fitted data.
@@ -346,22 +349,22 @@ class Reach:
         lengths, rests = _range(self.lengths, "length"), _range(self.rest_lengths, "length")
         reasons: tuple[tuple[bool, bool, tuple[Any, ...]], ...] = (
             (not known and length >= self.thread_length, True,
-             ("the length is beyond the thread's, ", Quantity(self.thread_length, "length"))),
+             ("the length exceeds that of the threads, ", Quantity(self.thread_length, "length"))),
             (length < self.lock, not measured,
-             ("the length is below the braid's lock at the neutral angle, ",
+             ("the length is below that at which the braid locks (neutral angle), ",
               Quantity(self.lock, "length"))),
             (length > max(high, self.closed), True,
-             ("the length is beyond the one that closes the bladder's bore, ",
+             ("the length exceeds that at which the braid closes the bladder's bore, ",
               Quantity(self.closed, "length"))),
             (far, True,
-             ("the length is so far beyond the measured ", *lengths, " that the model's force, ",
-              Quantity(model_force, "force"), f", is over {_MOST:g} times the largest measured")),
-            (not measured, False, ("the length is beyond the measured ", *lengths)),
+             ("the length is so far outside the measured range, ", *lengths, ", that the model's force, ",
+              Quantity(model_force, "force"), f", is over {_MOST:g} times the largest measured force")),
+            (not measured, False, ("the length is outside the measured range, ", *lengths)),
             (not self.rest_lengths[0] <= self.rest_length <= self.rest_lengths[1], False,
-             (f"the rest length is beyond {self.whose} ", *rests)),
-            (not known, True, ("the muscle has neither a force nor an onset there",)),
+             (f"the rest length is outside {self.whose}, ", *rests)),
+            (not known, True, ("the force or onset pressure is undefined there",)),
             (not self.pressures[0] <= pressure <= self.pressures[1], False,
-             ("the pressure is beyond the measured ", *_range(self.pressures, "pressure"))),
+             ("the pressure is outside the measured range, ", *_range(self.pressures, "pressure"))),
         )  # fmt: skip
         for holds, refused, parts in reasons:
             if holds:
@@ -376,7 +379,7 @@ def _range(ends: tuple[float, float], kind: str) -> tuple[Quantity, str, Quantit
 def _inverse(
     fit: Identification, force: Any, length: np.ndarray, highest: float, rest_length: float | None
 ) -> Any:
-    """Lowest pressures with given forces, see `famjax.control.pressure_for_force`."""
+    """Return the lowest pressures that give these forces, see `famjax.control.pressure_for_force`."""
     members, weights = [fit.mounted, *fit.outlook.others], fit.outlook.weights
     if rest_length is not None:
         if fit.outlook.other_lengths:
@@ -387,7 +390,7 @@ def _inverse(
 
 
 def _onsets(fit: Identification, length: Column, rest_length: float | None) -> list[Row]:
-    """Onset pressure at each length."""
+    """Return a row with the onset pressure at each length."""
     reach, rows = Reach(fit, rest_length), []
     # Predictions beyond three times the highest measured pressure mean nothing.
     found = _inverse(fit, 0.0, length, 3.0 * reach.pressures[1], rest_length)
@@ -403,27 +406,31 @@ def _onsets(fit: Identification, length: Column, rest_length: float | None) -> l
 def pressures_for(
     fit: Identification, length: Float[np.ndarray, " lengths"], force: Float[np.ndarray, " forces"]
 ) -> list[Row]:
-    """Find the gauge pressure at which an identified muscle pulls with each force at each length.
+    """Find the gauge pressure at which an identified muscle exerts each force at each length.
 
     Args:
         fit: from `load_fit` or `identify`.
-        length: active lengths [m] as measured by the rig of the fit, > 0.
+        length: active lengths [m] as measured by the rig used for the fit, > 0.
         force: forces [N], >= 0.
 
     Returns:
         Rows with `length_m, force_N, pressure_Pa, inside, outside`. The pressure is the lowest one, up
-        to the highest measured, that gives the force, or null; for zero force it is the highest pressure
-        of a slack muscle. `inside` is true if contraction and pressure are within the fitted data;
-        otherwise `outside` gives the reason.
+        to the highest measured pressure, that gives the force; null if there is none. For zero force it
+        is the highest pressure at which the muscle is slack. `inside` is true if contraction and pressure
+        are within the fitted data; otherwise `outside` gives the reason.
 
     Raises:
-        InputError: lengths or forces are not possible.
+        InputError: a length or force is impossible.
     """
     if not (length.size and force.size):
-        raise InputError("a pressure needs a length and a force: give at least one of each")
+        raise InputError(
+            "finding a pressure requires a length and a force: give at least one of each"
+        )
     _check_lengths(length)
     if not (np.isfinite(force).all() and (force >= 0).all()):
-        raise InputError(f"forces must be >= 0, as a muscle only pulls; got {force.min():.6g} N")
+        raise InputError(
+            f"forces must be >= 0, because a muscle can only pull; got {force.min():.6g} N"
+        )
     reach, rows = Reach(fit, None), []
     found = _inverse(fit, force, length[:, None], reach.pressures[1], None)
     for (k, j), code in np.ndenumerate(np.asarray(found.code)):
@@ -443,9 +450,9 @@ def pressures_for(
 def predict_history(fit: Identification, history: History) -> list[Row]:
     """Predict the force along a history of lengths and pressures, including hysteresis.
 
-    The history starts where the cycles of the fitted records do: for ramps relaxed and vented at the
-    first length, for strokes at the longest length under the first pressure. It may reverse at any
-    reading and is monotonic between readings.
+    The history is assumed to start where the cycles of the fitted records start: for ramps, relaxed and
+    vented at the first length; for strokes, at the longest length under the first pressure. It may
+    reverse at any reading and is monotonic between readings.
 
     Args:
         fit: from `load_fit`, written by `famjax assess --hysteresis`.
@@ -453,17 +460,17 @@ def predict_history(fit: Identification, history: History) -> list[Row]:
 
     Returns:
         One row for each reading, as from `predict`, with `time_s` if there are times. `static_force_N` is
-        the force of the static map, and `hysteresis_N` the difference of the branch from it.
+        the force of the static map, and `hysteresis_N` the difference between the branch and that force.
         `model_force_N` is the unclipped sum, and `force_N` the sum clipped at 0. The error band of the
         static map is widened by the error of the branches; `inside` refers to the static map.
 
     Raises:
-        InputError: the fit has no hysteresis.
+        InputError: the fit has no hysteresis model.
     """
     outlook = fit.outlook
     if outlook.hysteresis is None:
         raise InputError(
-            "the fit has no hysteresis: run famjax assess --hysteresis, or predict at lengths and pressures"
+            "the fit has no hysteresis model: run famjax assess --hysteresis, or predict static forces"
         )
     L, P, missed = history.length, history.pressure, outlook.branches_error
     added = np.asarray(outlook.hysteresis.along(L, P), float)

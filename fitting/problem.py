@@ -1,7 +1,8 @@
-"""A fit as data: force maps with their families, weights, bounds, priors and constraint.
+"""Data structures of a fit: force maps with their families, weights, bounds, priors and constraint.
 
 `fitting.identify` finds the optimum of a `Problem`. `PureProblem` is the same problem in pure JAX, with the
-same linear models and convex core. Posteriors use it, and scripts that differentiate through a fit.
+same linear models and convex core. It is used to sample posteriors, and by scripts that differentiate
+through a fit.
 """
 
 import dataclasses
@@ -36,9 +37,9 @@ class Prior:
     """Prior knowledge beyond the data: direction . parameters = mean +- std.
 
     Attributes:
-        direction: of the nonlinear parameters, or of the coefficients, shape (q,) or (n,); a unit vector
-            for one of them.
-        mean, std: in SI.
+        direction: direction in the nonlinear parameters, shape (q,), or in the coefficients, shape (n,);
+            a unit vector for a prior on one of them.
+        mean, std: mean and standard deviation in SI.
     """
 
     direction: Float[np.ndarray, " _"]
@@ -50,9 +51,9 @@ class Within(eqx.Module):
     """A larger family whose compiled program several parts share.
 
     Attributes:
-        family: the larger family; holding some of its numbers gives the family of the part.
+        family: the larger family; fixing some of its numbers gives the family of the part.
         to_p: matrix of zeros and ones from the part's nonlinear parameters to all, shape (whole, q).
-        held: values of the nonlinear parameters that the part holds; 0 for its own, shape (whole,).
+        held: values of the nonlinear parameters that the part keeps fixed; 0 for its own, shape (whole,).
         to_x: the same matrix for the coefficients, shape (all, n); the other coefficients are 0.
     """
 
@@ -63,7 +64,7 @@ class Within(eqx.Module):
 
 
 LONG, SPREAD = 256, 128
-"""Readings above which a map counts as long, and those that represent it in searches."""
+"""Number of readings above which a map counts as long, and number that represent it in searches."""
 
 
 class Part(eqx.Module):
@@ -76,11 +77,11 @@ class Part(eqx.Module):
         force: measured force [N], shape (points,).
         weight: weights of the readings, 1/std or 1, shape (points,).
         at: indices of the part's nonlinear parameters in the problem's vector.
-        levels: "pressure" [Pa] and "length" [m] level of each reading, shape (points,). Readings of one
+        levels: "pressure" [Pa] and "length" [m] level of each reading, shape (points,). Readings at one
             level are left out together.
         side: 0 for a normal reading; 1 if the force is an upper bound (slack muscle); -1 if it is a lower
             bound (load cell at its limit), shape (points,).
-        within: larger family whose compiled program is used; None for a program of its own.
+        within: larger family whose compiled program is used; None if it has its own program.
     """
 
     name: str = eqx.field(static=True)
@@ -105,11 +106,11 @@ class Part(eqx.Module):
         return tuple(places[name] for name in RIG if name in places)
 
     def with_stations(self, stations: Float[np.ndarray, "paths stations"]) -> "Part":
-        """Return the part with other stations of the constraint; nothing is compiled."""
+        """Return the part with other constraint stations; this does not cause a recompilation."""
         return dataclasses.replace(self, inputs=dataclasses.replace(self.inputs, stations=stations))
 
     def thinned(self) -> "Part":
-        """Return a long part with one reading, at random, of each block of neighbours in length."""
+        """Thin out a long part: keep one random reading from each block of neighbours in length."""
         if self.force.size <= LONG:
             return self
         order = np.lexsort((self.levels["pressure"], self.levels["length"]))
@@ -129,7 +130,7 @@ class Part(eqx.Module):
     def mounted(
         self, muscle: famjax.AbstractMuscle, parameters: np.ndarray
     ) -> famjax.MountedMuscle:
-        """Mount a muscle in the rig with these parameters of the problem [SI]."""
+        """Mount a muscle in the rig that these problem parameters [SI] describe."""
         return famjax.MountedMuscle(muscle, *(parameters[list(self.rig)] if self.rig else (0.0,)))
 
 
@@ -145,7 +146,7 @@ class Problem:
         coefficient_min, coefficient_max: their bounds, shape (n,); infinite if there are none.
         priors: priors on nonlinear parameters.
         coefficient_priors: priors on coefficients.
-        noise: standard deviation of a weighted force reading, against which priors are weighed.
+        noise: standard deviation of a weighted force reading, used to weight priors.
         constraint: constraint on the coefficients.
         ridge: ridge regularisation for columns scaled to unit length; 0 for none.
     """
@@ -224,14 +225,14 @@ class Problem:
     def thinned(self) -> "Problem":
         """Return the problem with `SPREAD` readings of each long part, spread evenly over the map.
 
-        Bounds and paths stay the same, so a point of the unit box means the same muscle.
+        Bounds and paths stay the same, so a point in the unit box represents the same muscle.
         """
         parts = tuple(part.thinned() for part in self.parts)
         same = all(one is part for one, part in zip(parts, self.parts, strict=True))
         return self if same else dataclasses.replace(self, parts=parts)
 
     def parameters(self, u: Float[np.ndarray, " p"]) -> Float[np.ndarray, " q"]:
-        """The parameters [SI] at a point of the unit box."""
+        """Return the parameters [SI] at a point in the unit box."""
         found = self.low.copy()
         found[self.free] += u * (self.high - self.low)[self.free]
         return found
@@ -244,11 +245,11 @@ class PureProblem(eqx.Module):
         parts: one for each force map.
         low, high: bounds of the nonlinear parameters [SI], shape (q,).
         free: indices of the free parameters.
-        limits: bounds on the coefficients as G x >= h; rows of zeros for none.
+        limits: bounds on the coefficients as G x >= h; rows of zeros where there is no bound.
         prior_rows: weighted rows and targets of the priors on coefficients.
         priors: weighted rows and targets of the priors on nonlinear parameters.
         constraint: constraint on the coefficients.
-        compliant: true if a rig is compliant.
+        compliant: true if any rig is compliant.
     """
 
     parts: tuple[Part, ...]
@@ -288,21 +289,21 @@ class PureProblem(eqx.Module):
         )
 
     def parameters(self, u: Float[Array, " p"]) -> Float[Array, " q"]:
-        """The parameters [SI] at a point of the unit box."""
+        """Return the parameters [SI] at a point in the unit box."""
         at, low = jnp.asarray(self.free, int), jnp.asarray(self.low)
         return low.at[at].add(u * (self.high - low)[at])
 
     def coefficients(
         self, p: Float[Array, " q"], force: Float[Array, " points"]
     ) -> Float[Array, " n"]:
-        """Coefficients of the certified convex fit at given parameters [SI], for a rigid rig.
+        """Return the coefficients of the certified convex fit at given parameters [SI], for a rigid rig.
 
         Args:
             p: nonlinear parameters [SI], in the order of `Problem.names`.
-            force: force [N] of each reading of the fit: the loaded ones, `data.force[data.loaded]`.
+            force: force [N] of each reading used in the fit (the loaded ones), `data.force[data.loaded]`.
 
         Raises:
-            InputError: there is not one force for each reading of the fit.
+            InputError: the number of forces differs from the number of readings in the fit.
         """
         none = jnp.zeros(self.limits[0].shape[1])
         return solve_qp(*self.programme(p, none, force, force)).x
@@ -325,7 +326,7 @@ class PureProblem(eqx.Module):
         force: Float[Array, " points"],
         reached: Float[Array, " points"],
     ) -> tuple[Array, Array, Array, Array]:
-        """A, b, G and h of the convex programme.
+        """Return A, b, G and h of the convex programme.
 
         Args:
             p: parameters [SI].
@@ -353,7 +354,7 @@ class PureProblem(eqx.Module):
         force: Float[Array, " points"],
         reached: Float[Array, " points"],
     ) -> tuple[Float[Array, " k"], Float[Array, " m"]]:
-        """Weighted residual, and slack of every constraint row, without linearisation."""
+        """Return the weighted residual and the slack of every constraint row, without linearisation."""
         residuals, values = [], []
         for part, here in self._each(force):
             at = part.inputs
@@ -371,10 +372,11 @@ class PureProblem(eqx.Module):
     def differentiable(
         self, force: Float[Array, " points"], near: Any
     ) -> tuple[Float[Array, " q"], Float[Array, " n"]]:
-        """Optimum as a differentiable function of the forces, near the forces of a fit.
+        """Return the optimum as a differentiable function of the forces, near the forces of a fit.
 
-        This is one Newton step on the optimality conditions. Parameters at a bound and active rows are
-        held. At the forces of the fit, its derivative is the derivative of the optimum.
+        This is one Newton step on the optimality conditions. Parameters at a bound stay there, and
+        active constraint rows stay active. At the forces of the fit, the derivative of this step equals
+        the derivative of the optimum.
 
         Args:
             force: forces [N] of the readings of the fit, `data.force[data.loaded]`.

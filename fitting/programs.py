@@ -45,7 +45,7 @@ def kept(
         options: compiler options; those of a program that runs often if omitted.
 
     Returns:
-        The same as `jax.jit(function)`, but without derivatives.
+        A function equivalent to `jax.jit(function)`, but not differentiable.
     """
     structure = jax.tree.structure(like)
     known: dict[Any, Callable[..., Any]] = {}
@@ -109,7 +109,7 @@ def _register_linear_algebra() -> None:
 
 @functools.cache
 def _sources() -> str:
-    """Digest of the JAX version and of all code that may be traced."""
+    """Return a digest of the JAX version and of all code that may be traced."""
     import famjax  # noqa: PLC0415
     import fitting  # noqa: PLC0415
 
@@ -121,7 +121,7 @@ def _sources() -> str:
 
 
 MEMBERS = 16
-"""Number of fits in one call of a compiled program."""
+"""Number of fits in one call to a compiled program."""
 
 
 class Sizes(NamedTuple):
@@ -135,9 +135,9 @@ class Sizes(NamedTuple):
 
 
 class Group(NamedTuple):
-    """Parts of one structure, with a leading axis of parts.
+    """Parts with the same structure, stacked along a leading axis.
 
-    If there are several fits, all arrays but `arrays` have one more leading axis.
+    If there are several fits, all fields except `arrays` have one more leading axis.
 
     Attributes:
         arrays: arrays of families and inputs.
@@ -201,7 +201,7 @@ def form_of(part: Part, size: int) -> tuple[Form, list[np.ndarray]]:
 
 
 def _padded(at: MapInputs, size: int) -> MapInputs:
-    """Repeat the last reading and path up to a size that many maps share."""
+    """Repeat the last reading and path to reach a size that many maps share."""
     extra, paths = size - at.length.size, at.path_end.size
     more = bucket(paths, 2 if paths <= 2 else 4) - paths
 
@@ -222,7 +222,7 @@ def joined(groups: Sequence[Group]) -> Group:
 
 
 class Layout:
-    """Places of a problem's parts among the padded readings and rows, and their groups."""
+    """Positions of a problem's parts among the padded readings and rows, and their groups."""
 
     def __init__(self, problem: Problem) -> None:
         size = bucket(max(part.force.size for part in problem.parts), 64)
@@ -263,7 +263,7 @@ class Layout:
     def spread(
         self, values: Shaped[np.ndarray, "*b points"], missing: float | None = None
     ) -> Shaped[np.ndarray, "*b readings"]:
-        """Put values at the padded places of the readings; fill with `missing` or the last value."""
+        """Put values at the padded positions of the readings; fill with `missing` or the last value."""
         known = np.zeros(self.sizes.readings, bool)
         known[self.readings] = True
         last = np.maximum.accumulate(np.where(known, np.arange(known.size), 0))
@@ -280,7 +280,7 @@ def linear_of(
     x0: Float[Array, " coefficients"],
     readings: tuple[Array, Array, Array],
 ) -> tuple[Linear, Linear]:
-    """Return the linear model of a problem, and its derivatives in each parameter.
+    """Return the linear model of a problem, and its derivatives with respect to each parameter.
 
     Args:
         forms: forms of the groups.
@@ -324,7 +324,7 @@ def _of_part(
     to_x: Float[Array, "n coefficients"],
     readings: tuple[Array, Array, Array],
 ) -> tuple[Linear, Linear]:
-    """Return the linear model of a part, and its derivatives in each parameter of the problem."""
+    """Return the linear model of a part, and its derivatives with respect to the problem's parameters."""
     family, at = form.filled(arrays)
     length, pressure, reached = readings
     at = dataclasses.replace(at, length=length, pressure=pressure)
@@ -381,9 +381,9 @@ class Weighing(NamedTuple):
     Attributes:
         force: measured force [N], shape (readings,).
         weight: weights of the readings; 0 for padding, shape (readings,).
-        low, high: bounds of the coefficients; infinite if there is none, shape (coefficients,).
-        rows, targets: further rows of the least squares, such as priors.
-        d_targets: derivatives of the targets in the parameters, shape (parameters, others).
+        low, high: bounds of the coefficients; infinite where there is none, shape (coefficients,).
+        rows, targets: further least-squares rows, such as priors.
+        d_targets: derivatives of the targets with respect to the parameters, shape (parameters, others).
         ridge: see `Problem`.
     """
 
@@ -422,7 +422,7 @@ class Projected(NamedTuple):
 
 
 def projected(linear: Linear, slopes: Linear, of: Weighing) -> Projected:
-    """Solve the convex fit of a linear model; differentiate its residual through the optimum."""
+    """Solve the convex fit of a linear model, and differentiate its residual through the optimum."""
 
     def residual(linear: Linear, targets: Array) -> tuple[Array, tuple]:
         given = programme(linear, of._replace(targets=targets))
@@ -447,7 +447,7 @@ def projected_program() -> Any:
 
 @functools.lru_cache(maxsize=128)
 def report_program(form: Form) -> Any:
-    """Compile the report of a part."""
+    """Compile the function that computes the report for a part."""
 
     def one(arrays: list[Array], p: Array, x: Array, reached: Array) -> Report:
         return report(*form.filled(arrays), p, x, reached)

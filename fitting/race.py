@@ -1,4 +1,4 @@
-"""Comparison of candidate families: fit each to the map, and rank them by held-out error."""
+"""Compare candidate families: fit each to the map, and rank them by held-out error."""
 
 import dataclasses
 import math
@@ -23,7 +23,7 @@ _PROMISE = 1e-7  # relative to the cost: keeps five digits of the full descents
 
 
 def posed_of(data: ForceData, candidate: Candidate, constraint: str) -> Posed:
-    """Pose the fit of a candidate family.
+    """Set up the fit of a candidate family.
 
     Raises:
         InputError: the map does not support this family.
@@ -35,7 +35,7 @@ def posed_of(data: ForceData, candidate: Candidate, constraint: str) -> Posed:
 
 
 def descended(posed: Posed, starts: int, seed: int) -> End:
-    """Return the best result of a few descents, with a tolerance sufficient for comparison.
+    """Return the best result of a few descents, to a tolerance sufficient for comparison.
 
     Raises:
         InputError: no start leads to a finite force at every reading.
@@ -68,7 +68,7 @@ class Fitted:
         problem: the fit that was solved.
         ends: end points of its descents in the unit box, best first.
         mounted: the muscle in its rig.
-        residuals: model minus reading [N], in sample.
+        residuals: in-sample residuals, model minus reading [N].
     """
 
     candidate: Candidate
@@ -80,7 +80,7 @@ class Fitted:
 
     @property
     def rmse(self) -> float:
-        """RMSE in sample [N]."""
+        """In-sample RMSE [N]."""
         return float(np.sqrt(np.mean(self.residuals**2)))
 
 
@@ -100,7 +100,7 @@ def fitted(
         starts: number of starts per family.
         seed: random seed for the starts.
         candidates: the families.
-        progress: callback with (descents done, descents).
+        progress: callback with (descents done, total).
 
     Returns:
         One item per candidate: the fit, or the reason why the map does not support the family.
@@ -128,7 +128,7 @@ def _fitted(candidate: Candidate, posed: Posed, problem: Problem, ends: list[End
     except InputError as error:
         return str(error)
     if candidate.rig and _rig_of_the_bounds(problem, end):
-        return "The rig of the best fit is rigid, or as compliant as the bounds allow."
+        return "In the best fit, the rig is rigid or as compliant as the bounds allow."
     order = np.argsort([one.cost for one in ends])
     return Fitted(
         candidate, posed, problem, np.stack([ends[k].u for k in order]),
@@ -142,9 +142,9 @@ def left_out_of(
 ) -> list[dict[str, LeftOut] | None]:
     """Cross-validate families by leaving out single lengths and groups of neighbouring pressures.
 
-    The result is None for a family with no finite force at a held-out reading. It is also None for a
-    compliant rig if the map has too few lengths to leave one out, since only a held-out length
-    distinguishes it from a soft bladder.
+    The result is None for a family whose force is not finite at a held-out reading. It is also None for a
+    compliant rig if the map has too few lengths to leave one out, since only a held-out length can
+    distinguish it from a soft bladder.
     """
     problem = families[0].problem
     lengths = np.unique(problem.levels("length")).size >= FEWEST_LENGTHS
@@ -171,11 +171,11 @@ def _rig_of_the_bounds(problem: Problem, end: End) -> bool:
 
 
 ALIKE = 1.5
-"""Families whose RMSE in sample is within this factor of the smallest fit equally well."""
+"""Families whose in-sample RMSE is within this factor of the smallest are said to fit equally well."""
 NEAR = 1.1
-"""Held-out errors within this factor count as indistinguishable, and the output notes it."""
+"""Held-out errors within this factor count as indistinguishable, and the output says so."""
 LITTLE_MORE = 2.0
-"""A family with a certified optimum is preferred up to this factor in held-out error."""
+"""A family with a certified optimum is preferred up to this ratio of held-out errors."""
 _NOISE = 1e-3  # relative to the largest force; smaller errors count as equal
 
 
@@ -185,10 +185,10 @@ class Tried:
 
     Attributes:
         candidate: the family.
-        rmse: RMSE in sample [N].
+        rmse: in-sample RMSE [N].
         left_out: cross-validation errors by held-out kind, "pressure", "length" or "specimen".
         held_out: held-out error [N] used for ranking, see `held_out_error`.
-        alike: True if the RMSE in sample is within a factor `ALIKE` of the smallest.
+        alike: True if the in-sample RMSE is within a factor `ALIKE` of the smallest.
     """
 
     candidate: Candidate
@@ -199,16 +199,16 @@ class Tried:
 
     @property
     def columns(self) -> dict[str, float]:
-        """RMSE [N] on each kind of held-out readings, see `columns_of`."""
+        """RMSE [N] on each kind of held-out reading, see `columns_of`."""
         return columns_of(self.left_out)
 
 
 def held_out_error(left_out: Mapping[str, LeftOut], rmse: float, max_force: float) -> float:
-    """Geometric mean [N] of the errors in `columns_of`, or the RMSE in sample if there are none.
+    """Return the geometric mean [N] of the errors in `columns_of`, or the in-sample RMSE if there are none.
 
     Args:
         left_out: cross-validation errors by kind.
-        rmse: RMSE in sample [N].
+        rmse: in-sample RMSE [N].
         max_force: largest measured force [N]; errors below 0.1 % of it count as equal.
     """
     errors = list(columns_of(left_out).values()) or [rmse]
@@ -221,7 +221,7 @@ def ranked(
     """Compute the held-out error of each family and keep the given order.
 
     Args:
-        families: tuples of the family, its RMSE in sample [N], and its cross-validation errors, or
+        families: tuples of the family, its in-sample RMSE [N], and its cross-validation errors, or
             None if it was not cross-validated.
         max_force: largest measured force [N].
     """
@@ -240,7 +240,7 @@ def preferred(tried: Sequence[Tried]) -> list[int]:
     """Return the indices of the families, best first.
 
     The smallest held-out error ranks first. Held-out pressures or a few specimens hardly distinguish
-    the laws. If no lengths could be left out, families within a factor `ALIKE` of the smallest error
+    the laws, so if no lengths could be left out, families within a factor `ALIKE` of the smallest error
     keep the order of the ladder.
     """
     least = min(one.held_out for one in tried)

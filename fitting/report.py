@@ -1,4 +1,4 @@
-"""The report of a fit: summary, figures and tables for the terminal, and a self-contained HTML page."""
+"""The report on a fit: summary, figures and tables for the terminal, and a self-contained HTML page."""
 
 import dataclasses
 import functools
@@ -40,10 +40,10 @@ _SVG_ID = re.compile(r'(\bid="|href="#|url\(#)')
 
 @dataclasses.dataclass(frozen=True)
 class PageTable:
-    """A table of a page.
+    """A table on a page.
 
     Attributes:
-        title: caption, with units that the header does not give.
+        title: caption, including units that are not in the header.
         header: column headings.
         rows: cells as text.
         groups: headings that span columns, each with the number of columns; "" for no heading.
@@ -65,7 +65,7 @@ def page(template: str, package: str = "fitting", **values: object) -> str:
     """Render a template that extends `page.html`.
 
     Args:
-        template: name of a file in the folder `templates` of the package.
+        template: name of a file in the `templates` folder of the package.
         package: package that contains the template.
         values: variables of the template; text is escaped, `markupsafe.Markup` is not.
     """
@@ -152,7 +152,7 @@ def _unit(system: str, kind: str) -> float:
 
 
 def _levels(data: ForceData) -> Float[np.ndarray, " levels"]:
-    """Pressures [Pa] at which the model is drawn."""
+    """Return the pressures [Pa] at which the model is plotted."""
     levels = np.unique(data.pressures.level[data.loaded])
     return levels[:: math.ceil(levels.size / _CURVES)]
 
@@ -162,7 +162,7 @@ def plot_isobars(result: Identification, axes: Axes | None = None, system: str =
 
     Args:
         result: result of `identify`.
-        axes: axes to draw on; default: pyplot's current ones.
+        axes: axes to plot on; default: pyplot's current axes.
         system: "si", "metric" or "us".
 
     Returns:
@@ -219,7 +219,7 @@ def plot_law(result: Identification, axes: Axes, system: str) -> None:
 
 
 def plot_profiles(pictures: PictureFit, system: str = "metric") -> Figure:
-    """Plot photographed (points) and computed profiles (lines) from the longest to the shortest muscle."""
+    """Plot photographed profiles (points) and computed ones (lines), from longest to shortest muscle."""
     figure = Figure(figsize=(11, 3.4), layout="constrained")
     axes, size, unit = figure.subplots(), _unit(system, "length"), unit_system(system)["length"]
     order = np.argsort(-pictures.length)
@@ -238,7 +238,7 @@ def plot_profiles(pictures: PictureFit, system: str = "metric") -> Figure:
 def law_stress(
     material: famjax.materials.AbstractMaterial, strain: famjax.Real, pressure: famjax.Real
 ) -> Float[Array, "pressures strains"]:
-    """Stress [Pa] in a tensile test, or in one direction if the law has no interaction."""
+    """Return the stress [Pa] in a tensile test, or in one direction if the law does not couple the two."""
     tensile = getattr(material, "uniaxial_stress", None)
     if tensile is not None:
         return tensile(strain)[None]
@@ -256,7 +256,7 @@ _TAKES_PART = {
 
 
 def described(part: object) -> str:
-    """Return the docstring of a class up to its attributes, or else its name."""
+    """Return the docstring of a class up to its attributes, or its name if there is none."""
     name, text = type(part).__name__, inspect.cleandoc(type(part).__doc__ or "")
     found = re.split("Attributes:|>>>", text)[0]
     generated = found.startswith(f"{name}(")  # the default docstring of a dataclass
@@ -267,7 +267,7 @@ def in_words(result: Identification) -> str:
     """Describe the model of a fit in one line: law, geometry and extras."""
     muscle = result.muscle
     if isinstance(muscle, famjax.EquilibriumMuscle):
-        return f"{result.law.name} law, the shape from mechanics between two end-fittings"
+        return f"{result.law.name} law, with the shape computed from mechanics between two end-fittings"
     order = f" of order {result.law.order}" if result.law.name == "polynomial" else ""
     shape = "a cylindrical braid"
     if type(muscle.geometry).__module__ != "famjax.geometries":
@@ -282,7 +282,7 @@ def in_words(result: Identification) -> str:
 
 
 def rounded(value: float, error: float, unit: str, kind: str) -> tuple[str, str]:
-    """Format a value and its standard error, both in SI, to two digits of the error.
+    """Format a value and its standard error, both in SI, so that the error has two digits.
 
     The error is "" if it is unknown or zero; the value then has five digits.
 
@@ -298,7 +298,7 @@ def rounded(value: float, error: float, unit: str, kind: str) -> tuple[str, str]
 
 
 def _parameter(one: Estimate, system: str) -> tuple[str, str, str]:
-    """Format value and unit of a parameter, and its standard error or why it has none."""
+    """Format a parameter: its value, unit, and standard error or the reason why it has none."""
     unit = unit_system(system)[one.kind]
     value, error = rounded(one.value, one.stderr, unit, one.kind)
     flag = "held" if one.fixed else "at bound" if one.at_bound else error or "none"
@@ -306,7 +306,7 @@ def _parameter(one: Estimate, system: str) -> tuple[str, str, str]:
 
 
 def parameter_table(result: Identification, system: str) -> Table:
-    """Return the table of the parameters with standard errors and bounds."""
+    """Return a table of the parameters with standard errors and bounds."""
     rows = []
     for one in result.estimates + result.derived:
         value, unit, error = _parameter(one, system)
@@ -323,7 +323,7 @@ class Findings:
     Attributes:
         result: result of `identify`, or the chosen fit of a choice.
         evidence: validation and uncertainty.
-        choice: choice that the result comes from, if any.
+        choice: choice from which the result comes, if any.
         judgement: the verdict; None to derive it from the fit.
     """
 
@@ -371,7 +371,7 @@ class Findings:
     def _not_separable(self) -> str:
         """Name the pairs of parameters that the data determine only together."""
         if not np.isfinite(self.result.certificate.condition):
-            return "the parameters: these data do not determine each of them."
+            return "the parameters: these data do not determine each of them separately."
         names, matrix = correlations(self.result)
         size = np.abs(np.tril(matrix, -1))
         told = [f"{names[j]}, {names[i]}" for i, j in np.argwhere(size > _ALONE)]
@@ -380,7 +380,7 @@ class Findings:
         return f"{'; '.join(told)} (correlations up to {size.max():.3f})."
 
     def numbers(self, system: str) -> Table:
-        """Return the table of five numbers of a muscle, with standard errors."""
+        """Return a table of five key figures of the muscle, with standard errors."""
         result, units, data = self.result, unit_system(system), self.result.data
         rest, level = data.specimen.rest_length, float(data.pressures.level[data.loaded].max())
         lengths = np.linspace(rest, data.length.min(), 200)
@@ -402,7 +402,9 @@ class Findings:
             for what, value, spread, kind in rows[:5]
         ]
         at = Quantity(level, "pressure").in_units(system)
-        title = f"The muscle in five numbers with standard errors; force and contraction at {at}."
+        title = (
+            f"The muscle in five numbers, with standard errors. Force and contraction are at {at}."
+        )
         return title, ("quantity", "value", "std. error", "unit"), text
 
     def model(self, system: str) -> list[str]:
@@ -412,8 +414,8 @@ class Findings:
         geometry, told = muscle, []
         if isinstance(muscle, famjax.EquilibriumMuscle):
             told = [
-                "F = dPi/dL, with Pi(L, P) the least, over all shapes r(Z) between the fittings, of the "
-                "strain energy less (P - P_d) V. The shape is stable at every loaded reading "
+                "F = dPi/dL, where Pi(L, P) is the minimum of the strain energy minus (P - P_d) V over all "
+                "shapes r(Z) between the fittings. The shape is stable at every loaded reading "
                 f"(smallest stiffness {certificate.shape_margin / 1e3:.3g} N/mm). The force is not "
                 "linear in the law, so the optimum is the best one found and has no certificate."
             ]
@@ -424,7 +426,7 @@ class Findings:
             margin = Quantity(np.round(certificate.stability_margin) + 0.0, "stress", 3)
             terms = [described(one).partition(". ")[0].rstrip(".") for one in muscle.terms.terms]
             told = [
-                f"Force terms: {'; '.join(terms)}. No friction.",
+                f"Force terms: {'; '.join(terms)}. Friction is not included.",
                 f"The Drucker stability margin on the actuation path is {margin.in_units(system)} (stable "
                 "if >= 0). The coefficients are globally optimal for this geometry (KKT residual "
                 f"{certificate.kkt_residual:.0e}).",
@@ -434,7 +436,7 @@ class Findings:
             f"Bladder law: {described(muscle.material)}",
             f"Geometry: {described(geometry)} The rig is {rig}.",
             *told,
-            "The fit describes the quasi-static force within the measured lengths and pressures only. "
+            "The fit describes only the quasi-static force within the measured lengths and pressures. "
             "The braid angle is measured from the circumference.",
         ]
 
@@ -449,9 +451,7 @@ class Findings:
         ranges = [(kind, getattr(data, kind)) for kind in ("length", "pressure", "force")]
         told = [f"{name} {said(size, 'length')}" for name, size in known if size]
         told += [f"{kind} {said(of.min(), kind)} to {said(of.max(), kind)}" for kind, of in ranges]
-        return (
-            f"{data.force.size} readings, {data.loaded.sum()} of them pulling: {', '.join(told)}."
-        )
+        return f"{data.force.size} readings, {data.loaded.sum()} of them loaded: {', '.join(told)}."
 
     def tables(self, system: str = "metric") -> list[Table]:
         """Return the tables of a fit."""
@@ -462,14 +462,14 @@ class Findings:
         ]
 
     def notes(self, system: str = "metric") -> tuple[str, ...]:
-        """Return the notes to the summary: choice, further reasons, warnings, bands."""
+        """Return the notes for the summary: choice, further reasons, warnings, bands."""
         choice, error = self.choice, self.evidence.error
         found = (
             *(() if choice is None else (choice.clear, *choice.dropped)),
             *self.judged.reasons[2:],
             *(one for one in self.result.warnings if one not in self.judged.reasons),
             *evidence_warnings(self.evidence, self.result),
-            *(() if error is None else (f"The 95 % bands of predictions cover {error.covers}.",)),
+            *(() if error is None else (f"The 95 % prediction bands cover {error.covers}.",)),
         )
         return tuple(sentence_in_units(one, system) for one in found)
 
@@ -483,11 +483,11 @@ class Findings:
 # --- the page
 
 _GRID = 41, 25
-"""Number of lengths and pressures of the sliders on a page."""
+"""Number of slider positions on a page, for length and pressure."""
 
 
 def live(result: Identification, system: str) -> dict[str, Any]:
-    """Evaluate a muscle at every position of the sliders on a page, as `famjax predict` prints it.
+    """Evaluate a muscle at every slider position on a page, formatted as `famjax predict` prints it.
 
     Returns:
         `units` of length, pressure and force, and `json`: all values and the outline of the muscle.
@@ -532,7 +532,7 @@ def live(result: Identification, system: str) -> dict[str, Any]:
 def _middle(
     muscle: famjax.Muscle | famjax.EquilibriumMuscle, length: np.ndarray, pressure: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Radius [m] and braid angle [rad] halfway between the fittings."""
+    """Return the radius [m] and braid angle [rad] halfway between the fittings."""
     if isinstance(muscle, famjax.Muscle):
         at = muscle.geometry.dimensions(length, pressure)
         return np.asarray(at.radius), np.asarray(at.braid_angle)
@@ -546,7 +546,7 @@ def html_report(
     figure: Figure | None = None,
     origin: Origin | None = None,
 ) -> str:
-    """Return the report as one self-contained HTML page; pass the `figure` of `plot_fit` to reuse it."""
+    """Return the report as one self-contained HTML page; pass `figure` from `plot_fit` to reuse it."""
     result, profiles = found.result, None
     drawn = as_svg(plot_fit(result, system) if figure is None else figure)
     if result.pictures is not None:
@@ -557,7 +557,7 @@ def html_report(
         "report.html",
         found=found,
         system=system,
-        figure=inline_svg(drawn, "fit", "isobars, residuals and the bladder's law"),
+        figure=inline_svg(drawn, "fit", "isobars, residuals and the bladder law"),
         profiles=profiles,
         tables=[PageTable(*table).html(k) for k, table in enumerate(content, start=1)],
         origin=origin,
@@ -577,15 +577,15 @@ def write_fit(
     judgement: Judgement | None = None,
     problem: Mapping[str, Any] | None = None,
 ) -> list[Path]:
-    """Write `fit.json`, `fit.png` and `report.html`, all or none.
+    """Write `fit.json`, `fit.png` and `report.html`: either all of them or none.
 
     Args:
         result: result of `identify`.
-        folder: output folder, created if missing; files of an earlier fit are replaced.
+        folder: output folder, created if missing; files from an earlier fit are replaced.
         system: units of figure and report; `fit.json` is in SI.
         evidence: validation and uncertainty, if available.
-        origin: date and command to record in file and report.
-        choice: choice that the result comes from, if any.
+        origin: date and command to record in the file and the report.
+        choice: choice from which the result comes, if any.
         judgement: the verdict; default: derived from the fit.
         problem: problem description from which `famjax assess` repeats the fit.
 

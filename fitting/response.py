@@ -3,9 +3,9 @@
 A family builds models from named numbers. The force is affine in some of them, the coefficients. At
 nonlinear parameters p and coefficients x0
 
-    F(x) = force + columns (x - x0),   g(x) = rows (x - x0) + values >= 0,
+    F(x) = force + columns (x - x0),   g(x) = rows (x - x0) + values >= 0.
 
-This is traced code, which the engine differentiates in p.
+The engine traces this code and differentiates it with respect to p.
 """
 
 import functools
@@ -32,7 +32,7 @@ RIG = ("series_compliance", "series_exponent")
 class MuscleFamily(eqx.Module):
     """Models of one specimen as a function of named numbers.
 
-    Arrays in it may differ between specimens without a new program. Static fields (names, classes)
+    Its arrays may differ between specimens without a recompilation; its static fields (names, classes)
     may not.
 
     Attributes:
@@ -62,11 +62,11 @@ class MuscleFamily(eqx.Module):
 
     @property
     def derived_names(self) -> tuple[str, ...]:
-        """Names of further quantities for the report."""
+        """Names of the derived quantities in the report."""
         return self.source.derived_names
 
     def rest_length(self, values: Values) -> Float[Array, ""]:
-        """Rest length L0 [m], where every path starts."""
+        """Return the rest length L0 [m], where every path starts."""
         return jnp.asarray(values.get("rest_length", self.rest))
 
 
@@ -78,7 +78,7 @@ DEPENDENCES = ("fixed", "linear", "free")
 
 
 STATIONS = 32
-"""Stations of each actuation path: 24 from the start and 8 for points found between them."""
+"""Number of stations on each actuation path: 24 initial ones, and 8 for points found between them."""
 
 
 class MapInputs(eqx.Module):
@@ -100,13 +100,13 @@ class MapInputs(eqx.Module):
 
 
 class Linear(NamedTuple):
-    """Linear model of one part at a point; its derivatives in the parameters have the same form.
+    """Linear model of one part at a point; its derivatives with respect to parameters have the same form.
 
     Attributes:
         force: force [N] with all coefficients zero, shape (points,).
-        columns: derivative of the force in the coefficients, shape (points, n).
+        columns: derivative of the force with respect to the coefficients, shape (points, n).
         values: constraint along the paths [Pa] with all coefficients zero, shape (rows,).
-        rows: derivative of the constraint in the coefficients, shape (rows, n).
+        rows: derivative of the constraint with respect to the coefficients, shape (rows, n).
     """
 
     force: Float[AnyArray, " points"]
@@ -120,9 +120,9 @@ class Report(NamedTuple):
 
     Attributes:
         numbers: all numbers of the model, shape (l,).
-        d_numbers: their derivatives in parameters and coefficients, shape (l, q + n).
+        d_numbers: their derivatives with respect to parameters and coefficients, shape (l, q + n).
         derived: derived quantities, shape (d,).
-        d_derived: their derivatives in the parameters of the family, shape (d, q).
+        d_derived: their derivatives with respect to the parameters of the family, shape (d, q).
         path_modulus: Drucker modulus along the paths [Pa], shape (paths, stations); nan without a bladder.
         slope: tangent modulus [Pa] at the same fractions of the largest strain, same shape.
         largest_strain: largest strain magnitude [-] of each path, shape (paths,).
@@ -154,8 +154,8 @@ def linear_response(
         at: readings and paths.
         p: values of `family.nonlinear`.
         x0: values of `family.linear`, or the vector from which `to_x` computes them.
-        reached: force [N] at the readings that deflects a compliant rig.
-        to_x: matrix from x0 to `family.linear`; None if x0 holds these values.
+        reached: force [N] at each reading, which deflects a compliant rig.
+        to_x: matrix from x0 to `family.linear`; None if x0 is already these values.
     """
     searched, rig, length, paths = _placed(family, at, p, reached)
     directions = jnp.eye(x0.shape[0]) if to_x is None else jnp.asarray(to_x)
@@ -186,7 +186,7 @@ def report(
     x: Float[AnyArray, " n"],
     reached: Float[AnyArray, " points"],
 ) -> Report:
-    """Quantities for the report at (p, x); see `linear_response` for the arguments."""
+    """Return the quantities for the report at (p, x); see `linear_response` for the arguments."""
     searched, _, _, paths = _placed(family, at, p, reached)
     model = _model(family, searched, x)
     (modulus, slope), largest = along_paths(model, at, *paths, "drucker", "slope")
@@ -214,7 +214,7 @@ def report(
 def _placed(
     family: MuscleFamily, at: MapInputs, p: Float[Array, " q"], reached: Float[Array, " points"]
 ) -> tuple[dict[str, Array], tuple | None, Float[Array, " points"], tuple[Array, Array]]:
-    """Searched numbers, rig, lengths corrected for the rig, and rest length and ends of the paths."""
+    """Return searched numbers, rig, lengths corrected for the rig, and rest length and ends of paths."""
     searched = dict(zip(family.nonlinear, p, strict=True))
     length, end = jnp.asarray(at.length), jnp.asarray(at.path_end)
     rig, compliance = None, searched.get("series_compliance")
@@ -237,15 +237,15 @@ def force_and_constraint(
     p: Float[Array, " q"],
     x: Float[Array, " n"],
 ) -> tuple[Float[Array, " points"], Float[Array, " rows"]]:
-    """Force in the rig [N] and values of the constraint [Pa], without linearisation.
+    """Return the force in the rig [N] and the constraint values [Pa], without linearisation.
 
     Args:
         family: family of models.
         constraint: constraint on the coefficients.
         at: readings and paths.
         p: values of `family.nonlinear`.
-        x: coefficients. The force in a compliant rig takes two Newton steps from `at.force`: at the
-            solution, they give exact first and second derivatives.
+        x: coefficients. The force in a compliant rig is found by two Newton steps from `at.force`: at
+            the solution, they give exact first and second derivatives.
     """
     force = jnp.asarray(at.force)
     searched, rig, length, paths = _placed(family, at, p, force)
@@ -268,7 +268,7 @@ def _gain(
     reached: AnyArray,
     rig: tuple[Array, Array | None],
 ) -> tuple[Array, Array]:
-    """Force [N] of the muscle, and the factor 1 / (1 + rig compliance x muscle stiffness).
+    """Return the muscle's force [N] and the factor 1 / (1 + rig compliance x muscle stiffness).
 
     Args:
         model: model of the muscle.
@@ -284,7 +284,7 @@ def _gain(
 
 
 def flat(model: Any) -> Float[Array, " l"]:
-    """All numbers of a model as one vector."""
+    """Return all numbers of a model as one vector."""
     leaves = jax.tree.leaves(eqx.filter(model, eqx.is_inexact_array))
     return jnp.concatenate([leaf.ravel() for leaf in leaves])
 
@@ -292,7 +292,7 @@ def flat(model: Any) -> Float[Array, " l"]:
 def along_paths(
     model: Any, at: MapInputs, rest: Array, end: Float[Array, " paths"], *kinds: Constraint
 ) -> tuple[list[Float[Array, "paths stations"]], Float[Array, " paths"]]:
-    """Constraints at the stations of the actuation paths [Pa], and the largest strain of each path.
+    """Return the constraints [Pa] at the stations of the actuation paths, and each path's largest strain.
 
     "drucker" and "slope" are nan without a bladder; other kinds have no values along a path.
     """
@@ -324,12 +324,12 @@ def along_paths(
 
 
 def _equal_stress(material: Any, pressure: Array, strain: Array) -> Array:
-    """Axial stress [Pa] at equal strains in both directions."""
+    """Return the axial stress [Pa] at equal strains in both directions."""
     return material.stresses(strain, strain, pressure)[0]
 
 
 def bladder_of(model: Any) -> famjax.materials.AbstractMaterial | None:
-    """Bladder law of a model with a geometry; None if it has none."""
+    """Return the bladder law of a model with a geometry; None if there is none."""
     if getattr(model, "geometry", None) is None:
         return None
     return getattr(model, "material", None)

@@ -38,9 +38,9 @@ class Estimate:
         name: name of the parameter.
         value: value in SI.
         stderr: standard error in SI, the larger of the usual and the sandwich estimate; nan if there is
-            none (held, at a bound, not identifiable).
+            none (held, at a bound, or not identifiable).
         min, max: bounds in SI; infinite if there are none.
-        at_bound: true if the optimum is at a bound, so that the data alone would place it elsewhere.
+        at_bound: true if the optimum is at a bound, and the data alone would place it beyond the bound.
         fixed: true if held at a given value.
         kind: kind of unit.
         prior: (mean, standard deviation) of the prior in SI, or None.
@@ -63,7 +63,7 @@ class Errors:
 
     Attributes:
         rmse, max: root mean square and largest error [N].
-        max_force: largest measured force [N], the reference of percentages.
+        max_force: largest measured force [N], the reference for percentages.
         n_points: number of loaded readings.
         max_slack_force: largest force [N] of the model at a slack reading, or 0.
     """
@@ -119,7 +119,7 @@ class Solved:
 
 @dataclasses.dataclass(frozen=True)
 class Outlook:
-    """Data for predictions other than the muscle itself.
+    """Data needed for predictions, apart from the muscle itself.
 
     Attributes:
         error: prediction error, a `fitting.bands.ModelError`, or None without held-out readings.
@@ -129,13 +129,13 @@ class Outlook:
         shared: directions of errors shared by all readings.
         others: further mounted muscles; a prediction is the weighted mean of all.
         weights: weights of the muscle and the others.
-        alike: mounted muscles by family that fit the readings equally well; the band includes their
+        alike: mounted muscles, by family, that fit the readings equally well; the band includes their
             disagreement.
-        other_lengths: mounted muscles by family whose mean predicts other lengths; empty if unknown.
+        other_lengths: mounted muscles, by family, whose mean predicts other lengths; empty if unknown.
         between: standard deviation [N] of another specimen about that mean.
         hysteresis: hysteresis about the muscle's force, or None.
         branches_error: RMS error [N] of the branches: the largest held-out or in-sample error.
-        series: data of a series in `fit.json`.
+        series: data on a series from `fit.json`.
     """
 
     error: Any = None
@@ -159,23 +159,23 @@ class Identification:
     Attributes:
         data: the force map.
         mounted: the model in its rig, with compliance 0 for a rigid rig.
-        estimates: geometry, then the coefficients.
+        estimates: geometry parameters, then coefficients.
         derived: quantities derived from the geometry (thread length, turns), with errors.
         coefficients: E_n [Pa], shape (1, order).
         strain_range: largest strain magnitude at which the law was evaluated.
         residuals: model minus measurement [N] at the loaded readings.
         errors: summary of the residuals.
         certificate: optimality and stability.
-        active_constraints: one phrase for each.
-        law: family of the law.
+        active_constraints: one phrase for each active constraint.
+        law: the bladder law.
         constraint, seed: options of the fit.
-        weights: factor on the weight of each loaded reading; below 1 only for outliers of the Huber
+        weights: factor on the weight of each loaded reading; below 1 only for outliers under the Huber
             objective.
         converged: true if the best descent is stationary, certified and feasible.
         degrees_of_freedom: readings and priors of all specimens minus the free directions.
         names: names of the nonlinear parameters.
         covariance: covariance of these and of the coefficients [SI], by linear theory; nan if held, at a
-            bound or not identifiable.
+            bound, or not identifiable.
         place: index of this specimen among the parts of the problem.
         solved: problem and end of the best descent, or a function that rebuilds both from the readings.
         pictures: photographed and computed profiles, if both were fitted together.
@@ -235,7 +235,7 @@ class Identification:
 
     @property
     def counted(self) -> Bool[np.ndarray, " readings"]:
-        """True for loaded readings that are not outliers of the Huber objective; all without it."""
+        """True for loaded readings, except outliers under the Huber objective."""
         return self.weights >= 0.25  # a lower weight means 5 standard deviations or more
 
     @property
@@ -283,9 +283,9 @@ class Identification:
     def predict(
         self, length: Float[np.ndarray, "..."], pressure: Float[np.ndarray, "..."]
     ) -> Float[np.ndarray, "..."]:
-        """Unclipped force [N] that the rig would measure at lengths [m] and gauge pressures [Pa].
+        """Return the unclipped force [N] that the rig would measure at lengths [m] and pressures [Pa].
 
-        Lengths and pressures are broadcast against each other.
+        Pressures are gauge pressures. Lengths and pressures are broadcast against each other.
         """
         point = self.end.point
         L, P = np.broadcast_arrays(np.asarray(length, float), np.asarray(pressure, float))
@@ -296,7 +296,7 @@ class Identification:
         """Return the estimate with this name.
 
         Raises:
-            KeyError: no such parameter.
+            KeyError: there is no such parameter.
         """
         known = {one.name: one for one in self.estimates + self.derived}
         if name not in known:
@@ -305,15 +305,13 @@ class Identification:
 
 
 def check_identified(result: object) -> None:
-    """Refuse objects other than results of `identify` or `load_fit`.
+    """Reject objects other than results of `identify` or `load_fit`.
 
     Raises:
         InputError: another object was given.
     """
     if not isinstance(result, Identification):
-        needed = (
-            "a result of fitting.identify or fitting.load_fit, or the attribute chosen of a choice"
-        )
+        needed = "a result of fitting.identify or fitting.load_fit, or the `chosen` attribute of a Choice"
         raise InputError(f"expected {needed}, got {shown(result)}")
 
 
@@ -322,7 +320,7 @@ _PLAIN_AT = {
     "deadband_pressure": "low", "end_factor": "low", "end_length": "low", "braid_compliance": "low",
     "series_compliance": "low", "series_exponent": "high",
 }  # fmt: skip
-"""Bounds at which an effect is absent, which is no reason for doubt."""
+"""Bounds at which an effect is absent; an estimate there is no reason for doubt."""
 
 
 class Remark(NamedTuple):
@@ -333,7 +331,7 @@ class Remark(NamedTuple):
 
 
 def equivalent_sizes(result: Identification) -> list[str]:
-    """Braid dimensions of an equivalent cylinder, outside the range of the muscle's own."""
+    """Return the braid dimensions outside the usual range, which describe an equivalent cylinder."""
     usual = standard_table(result.data.specimen)
     return [
         e.name for e in result.estimates
@@ -343,26 +341,26 @@ def equivalent_sizes(result: Identification) -> list[str]:
 
 
 def of_parameters(result: Identification) -> list[Remark]:
-    """Remarks on parameters that the data do not determine, and on an unstable law."""
+    """Return remarks on parameters that the data do not determine, and on an unstable law."""
     estimates, certificate = result.estimates, result.certificate
     doubtful = any(one.at_bound and not _plain(one) for one in estimates)
     beyond = equivalent_sizes(result)
     found: tuple[tuple[Any, int, str], ...] = (
-        (beyond, 0, f"{' and '.join(beyond)} describe an equivalent cylinder, which accounts for the "
-         "rounded ends and the wall. Do not take them for dimensions of the braid, or its volume for the "
-         "muscle's; changes of volume hold."),
+        (beyond, 0, f"The values of {' and '.join(beyond)} describe an equivalent cylinder, which accounts "
+         "for the rounded ends and the wall. They are not dimensions of the braid, and its volume is not "
+         "that of the muscle; changes in volume are valid."),
         (result.stopped, int(doubtful), f"{', '.join(result.stopped)}: at a bound. The data alone would "
-         "place it beyond, so there is no standard error; the other errors hold for this value only."),
+         "place it beyond the bound, so it has no standard error; others are valid only at this value."),
         (not certificate.condition <= CONDITION_LIMIT, 1, "These data do not determine every parameter "
-         "separately, so there are no standard errors. Hold one of them by --bounds, or measure at more "
-         "lengths and pressures."),
+         "separately, so there are no standard errors. Fix one of them with --bounds, or measure at "
+         "more lengths and pressures."),
         *((abs(e.value - e.prior[0]) > 2.0 * e.prior[1], 0,
            f"{e.name} is {abs(e.value - e.prior[0]) / e.prior[1]:.1f} standard deviations away from its "
-           "prior. Either the prior is too narrow, or the parameter compensates for an error of the model.")
+           "prior. Either the prior is too narrow, or the parameter compensates for an error in the model.")
           for e in estimates if e.prior is not None),
         *((True, level, ridge) for level, ridge in _ridges(result)),
         (result.active_constraints, 0, "A constraint on the coefficients is active: their standard errors "
-         "hold only along it."),
+         "are valid only along it."),
         (isinstance(result.muscle, famjax.Muscle) and not certificate.stability_margin
          >= -1e-9 * float(np.abs(result.coefficients).max(initial=0.0)), 1,
          Sentence("The law is NOT Drucker-stable on the actuation path (margin ",
@@ -373,13 +371,13 @@ def of_parameters(result: Identification) -> list[Remark]:
 
 
 def _plain(one: Estimate) -> bool:
-    """True at a bound that means a rigid rig, a cylinder or a vanishing coefficient."""
+    """Return True at a bound that means a rigid rig, a cylinder or a vanishing coefficient."""
     side = "low" if one.value - one.min < one.max - one.value else "high"
     return side == _PLAIN_AT.get(one.name, "low" if one.kind == "stress" else "")
 
 
 def _ridges(result: Identification) -> list[Remark]:
-    """Remarks on pairs of nonlinear parameters that the data determine only in combination."""
+    """Return remarks on pairs of nonlinear parameters that the data determine only in combination."""
     names, std = result.names, np.sqrt(np.diag(result.covariance))
     width = {one.name: one.max - one.min for one in result.estimates}
     badly = {
@@ -400,12 +398,12 @@ def _ridges(result: Identification) -> list[Remark]:
 
 
 def remarks(result: Identification) -> list[Remark]:
-    """Remarks to read before using the numbers, starting with assumptions about the data."""
+    """Return the remarks to read before using the numbers, starting with assumptions about the data."""
     data, errors, certificate = result.data, result.errors, result.certificate
     pull, largest = errors.max_slack_force, errors.max_force
     said = (*data.notes, data.pressures.note, data.lengths.note)
     slack = Sentence(
-        *("The model pulls with up to ", Quantity(pull, "force", 3)),
+        *("The model predicts a force of up to ", Quantity(pull, "force", 3)),
         " at a slack reading.",
     )
     level = 2 if pull > 0.1 * largest else int(pull > max(2 * errors.rmse, 0.01 * largest))
@@ -419,13 +417,13 @@ def remarks(result: Identification) -> list[Remark]:
     missed = 0.0 if pictures is None else pictures.rmse / float(pictures.measured.mean())
     others: tuple[tuple[Any, int, str], ...] = (
         (missed > 0.03, 1, f"The computed profiles differ from the photographed ones by {missed:.0%} RMS. "
-         "Check the sizes of braid and bladder and their bounds, or use the measured shape instead."),
+         "Check the dimensions of braid and bladder and their bounds, or use the measured shape instead."),
         (outlying, 1 + (outlying > 0.25 * count), off),
         (pull > 2 * errors.rmse or level, level, slack),
         (certificate.n_agreeing < 2 < certificate.n_starts, 0,
-         "Only one start reached the best fit: use more (starts=, in Python)."),
+         "Only one start reached the best fit: use more starts (starts= in Python)."),
         (not result.converged, 2, "The fit did NOT converge: its numbers are not an optimum. Do not use "
-         "them; try a law with fewer coefficients (--law), or more starts (starts=, in Python)."),
+         "them; try a law with fewer coefficients (--law), or more starts (starts= in Python)."),
     )  # fmt: skip
     return [
         *(Remark(0, note) for note in said if note),

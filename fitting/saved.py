@@ -74,21 +74,21 @@ _MECHANICS = "equilibrium"  # the geometry follows from mechanics
 
 
 def load_fit(path: str | Path, *, own: Own = ()) -> Identification:
-    """Load a saved fit as the result that `identify` returned, with its evidence.
+    """Load a saved fit in the form that `identify` returned, with its evidence.
 
     `validate`, `profile` and similar functions rebuild the problem from the file when they need it.
 
     Args:
         path: a `fit.json`.
         own: trusted modules and classes, such as `("my_rubber",)` or `(Gent,)`. A fit that names a class
-            of any other module is refused, since importing that module would run its code.
+            of any other module is rejected, since importing that module would run its code.
 
     Returns:
         The fit. Enable float64 in JAX first, or the muscle's numbers are rounded to float32.
 
     Raises:
-        InputError: the file is missing, damaged, not a fit or of an unknown schema, or it names a class
-            that is not trusted.
+        InputError: the file is missing, damaged, not a fit, or has an unknown schema, or it names a
+            class that is not trusted.
     """
     path = check_path("a saved fit", path)
     try:
@@ -99,7 +99,7 @@ def load_fit(path: str | Path, *, own: Own = ()) -> Identification:
         raise InputError(f"{path} is not a JSON file: {error}; {_WANTED}") from None
     schema = document.get("schema") if isinstance(document, dict) else None
     if schema != SCHEMA:
-        raise InputError(f"{path} must be a fit of schema {SCHEMA!r}, got {schema!r}; {_WANTED}")
+        raise InputError(f"{path} must be a fit with schema {SCHEMA!r}, got {schema!r}; {_WANTED}")
     try:
         return _identification(document, own)
     except NotTrustedError as error:
@@ -140,7 +140,7 @@ def _identification(document: Mapping[str, Any], own: Own) -> Identification:
 
 
 def _opened(document: Mapping[str, Any], own: Own) -> Solved:
-    """Rebuild the problem from a saved fit; its optimum is the only start.
+    """Rebuild the problem of a saved fit, with its optimum as the only start.
 
     Raises:
         InputError: several specimens were identified together, or a part cannot be restored from a file.
@@ -148,8 +148,8 @@ def _opened(document: Mapping[str, Any], own: Own) -> Solved:
     fit, asked = _identification(document, own), document["posed"]
     if asked is None:
         raise InputError(
-            "this fit cannot be restored from its file: it belongs to several specimens, or has a geometry "
-            "or terms of your own. Repeat the identification, or use famjax assess"
+            "this fit cannot be restored from its file: it belongs to several specimens, or has a custom "
+            "geometry or custom terms. Repeat the identification, or use famjax assess"
         )
     geometry = EquilibriumSource(fit.data.specimen) if asked["geometry"] == _MECHANICS else None
     if asked["geometry"] == _KNOWN:
@@ -205,7 +205,7 @@ def _array(values: Any) -> Any:
 
 
 def as_json(value: Any) -> Any:
-    """Convert to JSON-ready data: arrays become lists, nan and infinity null."""
+    """Convert to JSON-ready data: arrays become lists; nan and infinity become null."""
     text = msgspec.json.encode(
         value, enc_hook=lambda one: one.tolist() if hasattr(one, "tolist") else str(one)
     )
@@ -239,7 +239,7 @@ def _outlook(document: Mapping[str, Any], mounted: famjax.MountedMuscle, own: Ow
     """Restore the data for predictions.
 
     Raises:
-        ValueError: the directions do not fit the muscle's parameters.
+        ValueError: the directions do not match the number of the muscle's parameters.
     """
     averaged, spread = document["averaged_with"], document["spread"]
     weights = [float(one["weight"]) for one in averaged]
@@ -315,7 +315,7 @@ def fit_as_dict(
         result: result of `identify`.
         evidence: validation and uncertainty, if available.
         origin: date and command to record, if any.
-        choice: choice that the result comes from, if any.
+        choice: choice from which the result comes, if any.
         judgement: the verdict; default: derived from the fit.
     """
     data, errors, outlook = result.data, result.errors, result.outlook
@@ -388,7 +388,7 @@ def _in_rigs(key: str, muscles: Iterable[tuple[Any, famjax.MountedMuscle]]) -> l
 
 
 def series_as_dict(series: Series, origin: Origin | None = None) -> dict[str, Any]:
-    """Return the `fit.json` of a series: the one of its first specimen, with entries for the others."""
+    """Return the `fit.json` of a series: that of its first specimen, with entries for the others."""
     data, others = [one.data for one in series.specimens], [one[0].mounted for one in series.others]
     judged = judge_series(series.specimens, series.left_out)
     ratios = np.concatenate([one.length / one.specimen.rest_length for one in data])
@@ -422,20 +422,20 @@ def card_of(
     fit: Identification, *, name: str | None = None, count: int = 32, seed: int = 0,
     origin: Origin | None = None,
 ) -> MuscleCard:  # fmt: skip
-    """Make the card of a fitted muscle.
+    """Create the muscle card of a fitted muscle.
 
-    The card's force is the force measured in the rig of the fit; for a series, the weighted mean over its
-    models.
+    The card's force is the force measured in the rig used for the fit; for a series, the weighted mean over
+    its models.
 
     Args:
         fit: result of `load_fit` or `identify`.
         name: name of the muscle; default: that of the specimen.
         count: number of sampled muscles, 0 for none; a fit without standard errors has none.
-        seed: seed of the sample.
+        seed: random seed of the sample.
         origin: date and command of the card, in addition to those of the fit.
 
     Raises:
-        InputError: the model is nowhere monotone, or too few muscles can be drawn.
+        InputError: the model is nowhere monotone, or too few muscles can be sampled.
     """
     document, outlook = fit.document or fit_as_dict(fit), fit.outlook
     data = fit.data

@@ -2,7 +2,7 @@
 
 The method is damped Gauss-Newton with exact steps in the box: every step minimises |J d + r|^2 + mu |d|^2
 with u + d inside the unit box, so bounds are met exactly. The damping mu follows Nielsen. Many descents are
-evaluated together in each round, with the same results as alone.
+evaluated together in each round, with the same results as when run alone.
 
 The weakest point of a law along a path is found by sampling and refining each minimum. If a constraint is
 violated between its stations, that point becomes a station, and the fit is repeated (exchange).
@@ -52,8 +52,8 @@ class End:
         point: the fit there.
         gradient_residual: largest cosine between r and a column of J along which `u` may still
             move; zero at a stationary point.
-        steps: accepted and refused steps taken.
-        converged: the gradient residual or the step fell below its tolerance.
+        steps: number of accepted and rejected steps.
+        converged: true if the gradient residual or the step fell below its tolerance.
     """
 
     u: Float[np.ndarray, " p"]
@@ -96,10 +96,10 @@ def descend_many(
     Args:
         problems: one for each descent. Problems of the same structure are evaluated together.
         starts: starting points, each in the unit box of its problem's free parameters.
-        max_steps: largest number of steps of a descent, including refused ones.
+        max_steps: largest number of steps in a descent, including rejected ones.
         tolerance: as in `descend`.
-        promise: relative decrease of the cost. A descent ends if its last step was accepted and the next
-            one predicts less.
+        promise: smallest relative decrease of the cost. A descent ends if its last step was accepted and
+            the next one is predicted to gain less.
         progress: called with (descents done, descents).
 
     Returns:
@@ -133,7 +133,7 @@ def descend_many(
 
 
 def _structure(problem: Problem, at: Layout) -> tuple:
-    """Key that is equal for problems that share a program and the states of their readings."""
+    """Return a key that is equal for problems that share a program and the states of their readings."""
     arrays = tuple(leaf.tobytes() for group in at.groups for leaf in group.arrays)
     return at.forms, at.sizes, arrays, problem.side.tobytes(), problem.constraint, problem.ridge
 
@@ -209,7 +209,7 @@ def _descents(
     tolerance: float,
     promise: float,
 ) -> Iterator[tuple[int, End]]:
-    """Yield number and end point of each descent when it ends."""
+    """Yield the index and end point of each descent when it ends."""
     count, p = starts.shape
     u, trial, at = starts.copy(), starts.copy(), np.full(count, None, object)
     r, J = np.zeros((count, batch.residuals)), np.zeros((count, batch.residuals, p))
@@ -286,10 +286,10 @@ def descend_all(
     starts: Float[np.ndarray, "k p"],
     progress: Callable[[int, int], None] | None = None,
 ) -> list[End]:
-    """End points of the descents from all starts; the best one is refined to full precision.
+    """Descend from all starts and return the end points; the best one is refined to full precision.
 
-    From several starts, a long map is searched with part of its readings. Distinct end points are then
-    refined with all readings.
+    With several starts, a long map is first searched with part of its readings. Distinct end points are
+    then refined with all readings.
     """
     part = problem if len(starts) == 1 else problem.thinned()
     (ends,) = descend_from([part], [starts], promise=NEAR, progress=progress)
@@ -313,7 +313,7 @@ def descend_from(
     starts: Sequence[Sequence[np.ndarray] | Float[np.ndarray, "_ _"]],
     **settings: Any,
 ) -> list[list[End]]:
-    """End points of the descents of several problems, each from its starts; see `descend_many`."""
+    """Return the end points for several problems, each from its own starts; see `descend_many`."""
     each = [(one, start) for one, own in zip(problems, starts, strict=True) for start in own]
     ends = iter(descend_many([one for one, _ in each], [u for _, u in each], **settings))
     return [list(itertools.islice(ends, len(own))) for own in starts]
@@ -323,19 +323,20 @@ def best_of(ends: Sequence[End]) -> End:
     """Return the end point with the lowest cost; nan costs are ignored.
 
     Raises:
-        InputError: none has a cost.
+        InputError: no end point has a finite cost.
     """
     costs = [end.cost for end in ends]
     if not np.isfinite(costs).any():
         raise InputError(
-            "no start ended at a force for every reading: somewhere within the bounds the bladder "
-            "does not fit in the braid or a length cannot be reached; narrow the bounds"
+            "from every starting point, the force was undefined at some reading: within the bounds there "
+            "are muscles whose bladder does not fit in the braid, or that cannot reach a length. Narrow "
+            "the bounds"
         )
     return ends[int(np.nanargmin(costs))]
 
 
 FEASIBLE = 1e-9
-"""Violation of a constraint that counts as rounding, in parts of the largest coefficient."""
+"""Violation of a constraint that counts as rounding, relative to the largest coefficient."""
 _WITHOUT_LAW = 1e-3  # of the coefficient that alone would carry the force
 _EXCHANGED = 64  # of exchange, at most
 _PIECES = 4  # of each path, each with as many samples as a path has stations
@@ -347,7 +348,7 @@ class Margin(NamedTuple):
     """The weakest state on each path of a part.
 
     Attributes:
-        position: share of the path in [0, 1], shape (paths,).
+        position: position along the path in [0, 1], shape (paths,).
         value: modulus there [Pa], shape (paths,); nan where the law has none.
     """
 
@@ -356,10 +357,10 @@ class Margin(NamedTuple):
 
 
 def constraint_margin(problem: Problem, point: Point, kind: Constraint) -> list[Margin]:
-    """Smallest modulus along the actuation paths, or tangent modulus over the strain range.
+    """Find the smallest modulus along the actuation paths, or tangent modulus over the strain range.
 
     Args:
-        problem: whose paths are looked at.
+        problem: problem whose paths are checked.
         point: the fit.
         kind: "drucker" for second-order work along the path, "slope" for the law's own tangent.
 
@@ -400,10 +401,10 @@ def _margin(part: Part, point: Point, place: int, kind: Constraint) -> Margin:
 
 
 def rounding_of(point: Point) -> float:
-    """Constraint violation [Pa] that counts as rounding.
+    """Return the constraint violation [Pa] that counts as rounding.
 
-    In parts of the largest coefficient; of a law that all but vanishes, of a thousandth of the largest by
-    which one alone would carry the force.
+    It is relative to the largest coefficient. For a law that nearly vanishes, it is relative to a
+    thousandth of the largest value that a single coefficient would need to carry the force alone.
     """
     size = np.linalg.norm(point.A, axis=0)
     alone = np.linalg.norm(point.b) / size[size > 0]
@@ -417,8 +418,8 @@ def refine(problem: Problem, best: End, spare: int) -> tuple[End, Problem]:
     ago, and the descent continues.
 
     Args:
-        problem: the problem of the descents.
-        best: their best end point.
+        problem: the problem that the descents solved.
+        best: best end point of the descents.
         spare: number of stations at the end of each path that may be replaced.
 
     Returns:
@@ -445,7 +446,7 @@ OBJECTIVES = ("sum_of_squares", "huber", "mean_rmse")
 TUNED = 1.345
 """Huber's threshold per standard deviation: 95 % efficient for normal noise (Huber 1981)."""
 NORMAL_MAD = 1.4826
-"""Standard deviations of normal noise in a median absolute deviation."""
+"""Ratio of the standard deviation of normal noise to its median absolute deviation."""
 _SCALED = 8  # rounds in which the noise is estimated; the threshold is then kept
 _FROM_ALL = 3  # rounds that descend from every start
 _REWEIGHTED = 200  # rounds, at most
@@ -458,9 +459,9 @@ class Weights:
     """Weights of the readings for an objective other than the sum of squares.
 
     Attributes:
-        factor: of every reading, on its own weight, shape (points,).
-        threshold: of Huber's objective, in N or in standard deviations of the readings where they have
-            some; None of others.
+        factor: factor on the weight of each reading, shape (points,).
+        threshold: threshold of Huber's objective, in N or, if the readings have standard deviations, as a
+            multiple of these; None for other objectives.
     """
 
     factor: Float[np.ndarray, " points"]
@@ -471,11 +472,11 @@ def check_objective(objective: str, *, censored: bool = False) -> None:
     """Check that the objective is known and can be used here."""
     if censored and objective != "sum_of_squares":
         raise InputError(
-            "censored readings are one-sided squares: use objective='sum_of_squares', or leave "
-            "censored out"
+            "censored readings enter as one-sided squares: use objective='sum_of_squares', or omit "
+            "censored"
         )
     if objective not in OBJECTIVES:
-        raise InputError(f"the objective is one of {', '.join(OBJECTIVES)}, got {objective!r}")
+        raise InputError(f"objective must be one of {', '.join(OBJECTIVES)}; got {objective!r}")
 
 
 def descend_reweighted(
@@ -484,22 +485,22 @@ def descend_reweighted(
     objective: str,
     progress: Callable[[int, int], None] | None,
 ) -> tuple[End, list[End], Weights]:
-    """Optimum of an objective by iteratively reweighted least squares.
+    """Find the optimum of an objective by iteratively reweighted least squares.
 
-    Huber's threshold is 1.345 standard deviations of the noise, estimated from the median of the
-    residuals as the first rounds go, and kept in those that follow.
+    Huber's threshold is 1.345 standard deviations of the noise. The noise is estimated from the median
+    of the residuals during the first rounds and then kept constant.
 
     Args:
-        problem: with the readings' own weights.
-        starts: points of the unit box.
+        problem: problem with the original weights of the readings.
+        starts: starting points in the unit box.
         objective: "huber" or "mean_rmse".
         progress: called with (starts done, starts) in the first round.
 
     Returns:
-        The best end, the ends of all starts as they last were, and the weights.
+        The best end point, the latest end points from all starts, and the weights.
 
     Raises:
-        InputError: the weights did not settle.
+        InputError: the weights did not converge.
     """
     points = problem.force.size
     factor, threshold = np.ones(points), None
@@ -522,28 +523,28 @@ def descend_reweighted(
         again = descend_all(changed, starts if done < _FROM_ALL else best.u[None])
         best, ends = best_of(again), again if done < _FROM_ALL else ends
     raise InputError(
-        f"the weights of objective={objective!r} did not converge in {_REWEIGHTED} rounds: the readings "
-        "leave several fits equally good. Fix parameters by bounds, or use objective='sum_of_squares'"
+        f"the weights of objective={objective!r} did not converge in {_REWEIGHTED} rounds: several "
+        "fits are equally good. Fix parameters with bounds, or use objective='sum_of_squares'"
     )
 
 
 def _least(problem: Problem) -> float:
-    """Smallest spread that is told from zero, in the unit of the weighted residual."""
+    """Return the smallest spread that is distinguished from zero, in the unit of the weighted residual."""
     return _ROUNDING * float(np.sqrt(np.mean((problem.force * problem.weight) ** 2)))
 
 
 def mean_rmse_factor(
     residual: Float[np.ndarray, " points"], level: Float[np.ndarray, " points"], least: float
 ) -> Float[np.ndarray, " points"]:
-    """Factors by which the sum of squares has the gradient of the mean RMSE, up to a constant.
+    """Return the factors that give the sum of squares the gradient of the mean RMSE, up to a constant.
 
-    The mean of sqrt(S_p/n_p) over the pressures p lies below its tangent in the S_p, so that each round
-    lowers it. One in the mean of the squares.
+    The mean of sqrt(S_p/n_p) over the pressures p lies below its tangent in S_p, so each round lowers it.
+    The mean of the squared factors is 1.
 
     Args:
-        residual: in the readings' own weights.
+        residual: residuals with the original weights of the readings.
         level: pressure of each reading.
-        least: RMSE that counts as none.
+        least: lower limit of an RMSE; smaller values are replaced by it.
 
     References:
         Chambers 2021, equation 7.6.
@@ -556,7 +557,7 @@ def mean_rmse_factor(
 
 
 def huber_factor(residual: np.ndarray, threshold: float) -> Float[np.ndarray, " points"]:
-    """sqrt(min(1, d/|r|))."""
+    """Return sqrt(min(1, d/|r|))."""
     size = np.abs(residual)
     return np.sqrt(np.where(size > threshold, threshold / np.where(size > 0, size, 1.0), 1.0))
 
@@ -564,10 +565,10 @@ def huber_factor(residual: np.ndarray, threshold: float) -> Float[np.ndarray, " 
 def pseudo_residual(
     residual: Float[np.ndarray, " k"], n_readings: int, threshold: float, unknowns: int
 ) -> Float[np.ndarray, " k"]:
-    """Residuals whose mean square is the variance of a robust fit: K psi(r) / mean(psi').
+    """Return residuals whose mean square is the variance of a robust fit: K psi(r) / mean(psi').
 
     References:
-        Huber 1981, section 7.6: K = 1 + (p/n) (1 - m)/m with m the part of readings within d.
+        Huber 1981, section 7.6: K = 1 + (p/n) (1 - m)/m with m the fraction of readings within d.
     """
     readings = residual[:n_readings]
     within = np.mean(np.abs(readings) <= threshold)

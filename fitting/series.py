@@ -1,8 +1,8 @@
 """Fit one model to a series of muscles that differ only in length, and predict new lengths.
 
-Families are compared by leaving out each specimen in turn. The best model of each single specimen need not
-transfer: its deadband and dead end absorb whatever is special about one muscle, and distort the compliance
-of the rig.
+Families are compared by leaving out each specimen in turn. The best model of a single specimen need not
+apply to others: its deadband and dead length absorb whatever is peculiar to that muscle, and distort the
+compliance of the rig.
 """
 
 import dataclasses
@@ -33,16 +33,16 @@ DEFAULT_LAWS = ("linear", "mooney-rivlin", "ogden")
 
 BETWEEN = 0.02
 """Standard deviation between specimens of a series, relative to the largest force. Readings of one specimen
-share their error, so each specimen has the same weight."""
+share an error, so each specimen has the same weight."""
 
 FROM_ONE = 0.06
 """Standard deviation of readings about a prediction from one specimen of another length, relative to the
-largest force and without the disagreement of models. It was chosen so that the bands of 18 pairs of five
-muscles of 12 to 28 cm, each predicted from another, contain 95 % of the readings (96 %)."""
+largest force and excluding the disagreement between models. It was chosen so that the bands for 18 pairs
+among five muscles of 12 to 28 cm, each predicted from another, contain 95 % of the readings (96 %)."""
 
 _EQUAL = (
-    "Every specimen has the same weight, whatever the number and standard deviations of its readings: "
-    "specimens differ by more than the noise of their forces."
+    "Every specimen has the same weight, regardless of the number and standard deviations of its readings: "
+    "specimens differ by more than the noise in their forces."
 )
 
 
@@ -51,13 +51,13 @@ class Series:
     """A model of a series of muscles.
 
     Attributes:
-        name: description of the family that transfers best.
+        name: description of the family that predicts other specimens best.
         law: name of its law.
         specimens: identification of each specimen; all parameters are shared.
         others: the same with a compliant rig; predictions are the weighted mean of both.
-        weights: weights of the first and the others, with sum 1, see `_weights`.
+        weights: weights of the first model and the others, which sum to 1, see `_weights`.
         tried: all families, the chosen one first.
-        left_out: errors of the mean on each held-out specimen.
+        left_out: errors of the mean prediction for each held-out specimen.
     """
 
     name: str
@@ -70,15 +70,15 @@ class Series:
 
     @property
     def candidates(self) -> dict[str, float]:
-        """RMSE [N] on held-out specimens of every family."""
+        """RMSE [N] of every family on held-out specimens."""
         return {one.candidate.name: one.left_out["specimen"].rmse for one in self.tried}
 
     @property
     def between(self) -> float:
         """Standard deviation [N] of readings of a new specimen about their prediction.
 
-        It follows from held-out specimens, each predicted from one fewer than a new one: the mean of
-        n - 1 specimens with standard deviation s differs from a new one by s sqrt(1 + 1/(n - 1)).
+        It follows from held-out specimens, each predicted from one specimen fewer than a new one is. The
+        mean of n - 1 specimens with standard deviation s differs from a new one by s sqrt(1 + 1/(n - 1)).
         """
         n = len(self.specimens)
         left_out = float(np.sqrt(np.mean(self.left_out.group_rmse**2)))
@@ -90,7 +90,7 @@ class Series:
         """Predict the force of a new muscle as measured by the rig, with its standard deviation.
 
         The standard deviation is the larger of that between specimens, which includes parameter errors,
-        and that of parameters by linear theory.
+        and that due to parameter errors by linear theory.
 
         Args:
             rest_length: L0 [m] of the muscle.
@@ -127,33 +127,34 @@ def identify_series(
 ) -> Series:
     """Find the model of a series that predicts each specimen best from the others.
 
-    Every law is identified on all specimens together with shared parameters, with and without a deadband,
-    and again without each specimen. A few lengths cannot show whether the rig is compliant, so predictions
-    are the mean of a rigid and a compliant rig, weighted by their held-out errors. Among the
-    families within half of the smallest held-out error, the first in the order of the laws is chosen.
+    Every law is fitted to all specimens together with shared parameters, with and without a deadband, and
+    again with each specimen left out. A few lengths cannot show whether the rig is compliant, so
+    predictions are the mean of those with a rigid and a compliant rig, weighted by their held-out errors.
+    Of the families with a held-out error of at most 1.5 times the smallest, the first in the order of the
+    laws is chosen.
 
-    Three specimens of 24 readings take ten seconds.
+    Three specimens with 24 readings each take about ten seconds.
 
     Args:
         data: force maps of at least two specimens with different names, measured in one rig.
         laws: laws in order of preference, each as for `identify`: a name, `module:Class`, a class or a
             material; "linear" and "cubic" are polynomials.
         parameters: see `identify`; these are not varied between families. `end_length` is the dead
-            length of rounded ends, equal at every length.
+            length of rounded ends, the same for every rest length.
         constraint: constraint on the coefficients.
-        geometry: class or function that returns the estimated geometry of a specimen, see `identify`; it
+        geometry: class or function that wraps the estimated geometry of a specimen, see `identify`; it
             needs a method `cut_to_length`.
         terms: further force terms, shared by all specimens, see `identify`.
         ends: "equilibrium" also tries every law with the shape from mechanics, see `identify`.
-        starts: number of starts of each fit.
-        seed: seed of the starts.
+        starts: number of starts for each fit.
+        seed: random seed of the starts.
         progress: called with (task, families done, total).
 
     Returns:
         The model, with the error of every family.
 
     Raises:
-        InputError: fewer than two specimens, an unknown law, or an error of `identify_together`.
+        InputError: there are fewer than two specimens, a law is unknown, or `identify_together` raises it.
     """
     if isinstance(laws, str) or not isinstance(laws, Sequence):
         laws = (laws,)
@@ -175,7 +176,7 @@ def identify_series(
     rigs = [rig for family in families for rig in family]
     if len({one.name for one in rigs}) < len(rigs):
         names = ", ".join(dict.fromkeys(one.law for one in rigs))
-        raise InputError(f"each law of a series must be given once: got one of {names} twice")
+        raise InputError(f"each law of a series must be given only once: got one of {names} twice")
     found = []
     for done, family in enumerate(families):
         if progress is not None:
@@ -185,9 +186,9 @@ def identify_series(
             found.append(sorted(sound, key=lambda one: one.error))
     if not found:
         raise InputError(
-            f"none of the families {', '.join(one.name for one in rigs)} has a force at every reading of a "
-            "held-out specimen: the others do not determine the parameters. Fix some (end_length, "
-            "series_compliance), or give more specimens"
+            f"with each of {', '.join(one.name for one in rigs)}, the force is undefined at some reading "
+            "of a held-out specimen: the others do not determine the parameters. Fix some parameters "
+            "(end_length, series_compliance), or add specimens"
         )
     largest = max(one.max_force for one in data)
     tried = ranked([_as_one(rigs) for rigs in found], largest)
@@ -206,7 +207,7 @@ def identify_series(
 
 @dataclasses.dataclass(frozen=True)
 class _Judged:
-    """A law in a rigid or compliant rig, with its RMSE [N] in sample and held-out errors."""
+    """A law in a rigid or compliant rig, with its in-sample RMSE [N] and held-out errors."""
 
     candidate: Candidate
     rmse: float
@@ -221,7 +222,7 @@ class _Judged:
 def _judged(
     data: Sequence[ForceData], constraint: str, starts: int, seed: int, candidate: Candidate
 ) -> _Judged | None:
-    """Errors of a candidate; None if the other specimens do not determine every force."""
+    """Return the errors of a candidate; None if the other specimens do not determine every force."""
     posed = _posed(data, constraint, candidate)
     problem, best = posed.problem, descended(posed, starts, seed)
     kinds = {"specimen": (None, 2)}
@@ -238,10 +239,10 @@ def _posed(data: Sequence[ForceData], constraint: str, candidate: Candidate) -> 
 
 
 def _weights(rigs: Sequence[_Judged]) -> tuple[float, ...]:
-    """Weights of a rigid and a compliant rig, by their errors on held-out specimens.
+    """Return the weights of a rigid and a compliant rig from their errors on held-out specimens.
 
     The likelihood of n errors of unknown scale is proportional to their root mean square to the power -n.
-    Readings of one specimen share their error, so n is the number of specimens.
+    Readings of one specimen share an error, so n is the number of specimens.
     """
     errors = np.array([one.error for one in rigs])
     likelihood = (errors / errors.min()) ** -float(rigs[0].left_out.group_rmse.size)
@@ -249,7 +250,7 @@ def _weights(rigs: Sequence[_Judged]) -> tuple[float, ...]:
 
 
 def _as_one(rigs: Sequence[_Judged]) -> tuple[Candidate, float, dict[str, LeftOut]]:
-    """Mean of a law in both rigs as one family, with its RMSE in sample [N] and held-out errors."""
+    """Return a law averaged over both rigs as one family, with in-sample RMSE [N] and held-out errors."""
     weights = _weights(rigs)
     rmse = float(np.sqrt(np.average([one.rmse**2 for one in rigs], weights=weights)))
     error = np.average([one.left_out.error for one in rigs], axis=0, weights=weights)
@@ -260,15 +261,15 @@ def _as_one(rigs: Sequence[_Judged]) -> tuple[Candidate, float, dict[str, LeftOu
 def _check(data: Sequence[ForceData], laws: Sequence[LawGiven], geometry: Geometry | None) -> None:
     if len(data) < 2:
         raise InputError(
-            f"a series needs force maps of at least two specimens, got {len(data)}. Fit one by famjax fit "
-            "(identify), and predict another length by famjax predict --rest-length (cut_to_length)"
+            f"a series needs force maps of at least two specimens, got {len(data)}. Fit one with famjax "
+            "fit (identify), and predict another length with famjax predict --rest-length (cut_to_length)"
         )
     if not laws:
         raise InputError(f"a series needs a law, such as {', '.join(DEFAULT_LAWS)}; got none")
     if len({one.specimen.rest_length for one in data}) < 2:
         raise InputError(
             "specimens of a series must differ in rest length, or they contain no information on other "
-            "lengths: give other specimens, or fit each by famjax fit (all at once by identify_together)"
+            "lengths: use other specimens, or fit each with famjax fit (all at once with identify_together)"
         )
     never_cut = famjax.geometries.AbstractGeometry.cut_to_length
     if isinstance(geometry, type) and getattr(geometry, "cut_to_length", None) is never_cut:
@@ -280,7 +281,7 @@ def _check(data: Sequence[ForceData], laws: Sequence[LawGiven], geometry: Geomet
 def _families(
     law: LawGiven, rank: int, said: Mapping[str, Parameter], own: Mapping[str, Any]
 ) -> list[tuple[Candidate, ...]]:
-    """A law with and without a deadband, each in a rigid and a compliant rig.
+    """Return a law with and without a deadband, each in a rigid and a compliant rig.
 
     A deadband or rig in `said` is not varied; the user's geometry and terms apply to all.
     """
@@ -310,7 +311,7 @@ def _families(
 def _of_mechanics(
     data: Sequence[ForceData], law: LawGiven, rank: int, said: Mapping[str, Parameter], seed: int
 ) -> Candidate:
-    """A law with the shape from mechanics, ranked after all cylinders."""
+    """Return a law with the shape from mechanics, ranked after all cylinders."""
     one, made = _families(law, rank, said, {})[0][0], options_of(law)
     options = equilibrium_options(data, made["law"], made.get("order"), None, one.parameters, seed)
     parameters = options.pop("parameters")
@@ -332,7 +333,7 @@ def _counting_alike(data: ForceData, of: Sequence[ForceData]) -> ForceData:
 def accounts(
     candidates: Sequence[Candidate], data: ForceData, said: Collection[str]
 ) -> tuple[Candidate, ...]:
-    """Select the families that transfer to other lengths, with a deadband or a compliant rig.
+    """Select the families that apply to other lengths, with a deadband or a compliant rig.
 
     Args:
         candidates: families of the ladder.

@@ -1,4 +1,4 @@
-"""Shape of a muscle over length and pressure, from photographs.
+"""Shape of a muscle as a function of length and pressure, from photographs.
 
 `shape_surface(path)` fits D(z; L, P) to the pictures and tests it on held-out pictures.
 `surface.geometry(specimen)` returns the measured geometry of a muscle.
@@ -23,9 +23,9 @@ Array = NDArray[np.floating]
 DEGREES = range(1, 11)
 """Degrees of the polynomials in length that are tried."""
 MORE = 2
-"""Degrees in length added to those that predict best."""
+"""Number added to the degree in length that predicts best."""
 KNOTS = 17
-"""Number of lengths at which the surface is sampled; a spline through them is within 1e-5 of it."""
+"""Number of lengths at which the surface is sampled; a spline through them is accurate to 1e-5."""
 HELD_OUT = 5
 """Every fifth picture, in order of length, is held out in the test."""
 OUTLIER = 6.0
@@ -35,7 +35,7 @@ MOST_OUTLIERS = 0.1
 MOST_SCATTER = 0.01
 """Largest scatter of the pictures about the surface, relative to the diameter."""
 WITHIN = 0.15
-"""Largest relative error of the turns from the triangle relation, which neglects the narrower ends."""
+"""Largest relative error of the turns by the triangle relation, which neglects the narrower ends."""
 
 _SCALE_STDERR = "scale_relative_stderr"
 _COLUMNS = {
@@ -58,13 +58,13 @@ class Pictures:
         diameter: outer diameter of the braid [m] at evenly spaced z/L from 0 to 1, shape (n, m).
         pressure: gauge pressure [Pa], shape (n,); nan if unknown.
         scale_std: relative standard error of the scale, common to all lengths and diameters.
-        mean_std: standard error of a picture's average diameter [m]. It is assumed to be the same error in
-            all pictures, because light, lens and weave are the same.
+        mean_std: standard error of a picture's average diameter [m]. The same error is assumed in
+            all pictures, because lighting, lens and weave are the same.
         local_std: standard error of the diameters at each position [m], shape (m,), or None.
         source: origin of the pictures.
 
     Raises:
-        InputError: values that are not positive, or fewer than six pictures.
+        InputError: a value is not positive, or there are fewer than six pictures.
     """
 
     names: tuple[str, ...]
@@ -80,8 +80,8 @@ class Pictures:
         n = len(self.names)
         if n < _LEAST:
             raise InputError(
-                f"{self.source}: {n} pictures were measured; a surface through shapes needs {_LEAST} "
-                "or more: photograph a whole stroke"
+                f"{self.source}: {n} pictures were measured, but a shape surface needs at least "
+                f"{_LEAST}: photograph a whole stroke"
             )
         if not (self.length.min() > 0 and self.diameter.min() > 0):
             raise InputError(f"{self.source}: a picture has a length or a diameter that is not > 0")
@@ -90,13 +90,13 @@ class Pictures:
         return len(self.names)
 
     def part(self, keep: NDArray[np.bool_] | NDArray[np.int64]) -> "Pictures":
-        """The selected pictures."""
+        """Return the selected pictures."""
         names = tuple(self.names[k] for k in np.arange(len(self))[keep])
         kept = {name: getattr(self, name)[keep] for name in ("length", "diameter", "pressure")}
         return dataclasses.replace(self, names=names, **kept)
 
     def pressure_ends(self) -> tuple[float, float]:
-        """Lowest and highest pressure [Pa]; nan if they are not known or all equal."""
+        """Return the lowest and highest pressure [Pa]; nan if the pressures are unknown or all equal."""
         P = self.pressure
         if not np.isfinite(P).all() or np.ptp(P) <= _SPREAD * np.abs(P).max():
             return np.nan, np.nan
@@ -104,16 +104,16 @@ class Pictures:
 
     @classmethod
     def of(cls, pictures: "str | Path | Pictures") -> "Pictures":
-        """Read the measured pictures of a `measurements.nc`.
+        """Read the measured pictures from a `measurements.nc`.
 
         Raises:
-            InputError: the file cannot be read, or holds no profiles.
+            InputError: the file cannot be read, or contains no profiles.
         """
         if isinstance(pictures, Pictures):
             return pictures
         if not isinstance(pictures, str | Path):
             raise InputError(
-                f"pictures must be the path of a measurements.nc, got {shown(pictures)}"
+                f"pictures must be the path to a measurements.nc, got {shown(pictures)}"
             )
         names, ok, columns, scale = _read(pictures)
         held = {name: np.asarray(values, float) for name, values in columns.items()}
@@ -136,7 +136,7 @@ class Pictures:
 
 
 def _read(path: str | Path) -> tuple[tuple[str, ...], np.ndarray, dict[str, np.ndarray], float]:
-    """Read names, success, columns and the relative error of the scale from a NetCDF file."""
+    """Read names, success flags, columns and the relative error of the scale from a NetCDF file."""
     from scipy.io import netcdf_file  # noqa: PLC0415 -- 0.1 s, for these files alone
 
     check_size(path)
@@ -153,7 +153,7 @@ def _read(path: str | Path) -> tuple[tuple[str, ...], np.ndarray, dict[str, np.n
     missing = {"diameter_m", "length_m", "ok", "path"} - held.keys()
     if missing:
         raise InputError(
-            f"{path} has no {', '.join(sorted(missing))}: give the measurements.nc of `famjax measure`"
+            f"{path} has no {', '.join(sorted(missing))}: give the measurements.nc from `famjax measure`"
         )
     names = tuple(b"".join(row).decode().rstrip("\0 ") for row in held["path"])
     columns = {name: held[stored] for name, stored in _COLUMNS.items() if stored in held}
@@ -173,7 +173,7 @@ class SurfaceForm(NamedTuple):
 
 
 class _Polynomials:
-    """Least-squares fit of a form at every position, with equal weights of the pictures.
+    """Least-squares fit of a form at every position, with equal weights for all pictures.
 
     Attributes:
         coefficients: coefficients [m], shape (terms, m).
@@ -194,7 +194,7 @@ class _Polynomials:
         self.left_out = self.residuals / np.maximum(1 - self.leverage, 1e-9)[:, None]
 
     def basis(self, length: Array, pressure: Array) -> Array:
-        """Chebyshev polynomials in the length, then the same times the pressure, each in [-1, 1]."""
+        """Return Chebyshev polynomials in the length, then the same times the pressure, each in [-1, 1]."""
         low, high = self.ends
         x = (2 * length - low - high) / (high - low)
         terms = np.polynomial.chebyshev.chebvander(x, self.form.degree)
@@ -205,12 +205,12 @@ class _Polynomials:
         return np.hstack([terms, share[:, None] * terms[:, : self.form.with_pressure + 1]])
 
     def varied(self, rng: np.random.Generator) -> Array:
-        """Draw coefficients that are as probable: each picture's residual gets a random sign and size."""
+        """Sample equally probable coefficients: each picture's residual gets a random sign and size."""
         sizes = rng.standard_normal(len(self.leverage))[:, None]
         return self.coefficients + self.solve @ (sizes * self.left_out)
 
     def variance(self, length: Array, pressure: Array) -> Array:
-        """Variance of the diameters of a new picture [m2], shape (n, m)."""
+        """Return the variance of the diameters in a new picture [m2], shape (n, m)."""
         terms = self.basis(length, pressure) @ self.solve
         scatter = np.sum(self.residuals**2, axis=0) / max(len(self.leverage) - len(self.solve), 1)
         return (1 + np.sum(terms**2, axis=1))[:, None] * scatter
@@ -222,7 +222,7 @@ class Threads:
 
     Attributes:
         length: thread length B [m]; at zero pressure if it depends on the pressure.
-        turns: N [-].
+        turns: number of turns N [-].
         length_std, turns_std: standard errors.
     """
 
@@ -232,7 +232,7 @@ class Threads:
     turns_std: float
 
     def turns_range(self) -> tuple[float, float]:
-        """Smallest and largest number of turns for a fit of the force."""
+        """Return the smallest and largest number of turns to allow in a fit to the force."""
         return self.turns * (1 - WITHIN), self.turns * (1 + WITHIN)
 
 
@@ -259,7 +259,7 @@ def _fit_threads(pictures: Pictures) -> Threads:
     std = np.sqrt(np.diag(covariance))
     if found[0] <= 0 or found[1] <= 0:
         raise InputError(
-            "the muscle does not thicken as it shortens: check that the pictures are of one muscle over "
+            "the muscle does not thicken as it shortens: check that the pictures show one muscle over "
             "a whole stroke"
         )
     thread = np.sqrt(found[0] * scale)
@@ -275,7 +275,7 @@ class HeldOut:
     Attributes:
         pictures: number of held-out pictures.
         rms: root mean square of measured minus predicted diameters at all positions [m].
-        standardised: the same relative to the predicted standard deviation; 1 if that is right.
+        standardised: the same, relative to the predicted standard deviation; 1 if the prediction is right.
     """
 
     pictures: int
@@ -285,20 +285,20 @@ class HeldOut:
 
 @dataclasses.dataclass(frozen=True)
 class ShapeSurface:
-    """Diameter over position, length and pressure, with its uncertainty.
+    """Diameter as a function of position, length and pressure, with its uncertainty.
 
     Attributes:
         form: degrees of the polynomials, chosen by cross-validation.
         lengths: lengths at which the surface is sampled [m], decreasing, shape (k,).
-        pressures: lowest and highest pressure of the pictures [Pa]; nan if the shape does not depend on it.
-        diameters: D [m] at both pressures, shape (2, k, m); equal if it does not.
-        draws: diameters of equally probable surfaces, shape (d, 2, k, m). They vary by the scatter of the
-            pictures, by errors common to all pictures, and by the error of the scale.
+        pressures: lowest and highest pressure of the pictures [Pa]; nan if the shape is independent of it.
+        diameters: D [m] at both pressures, shape (2, k, m); equal if the shape is independent of pressure.
+        draws: diameters of equally probable surfaces, shape (d, 2, k, m). They differ by the scatter of
+            the pictures, by errors common to all pictures, and by the error of the scale.
         draw_scales: factor on the lengths of each draw, shape (d,).
         held_out: errors on held-out pictures.
-        threads: turns and length of the threads by the pictures.
+        threads: turns and length of the threads, from the pictures.
         used: names of the pictures that determine the surface.
-        left_out: names of the pictures that lie off it.
+        left_out: names of the pictures that lie off the surface.
         notes: remarks for the report.
     """
 
@@ -315,19 +315,19 @@ class ShapeSurface:
     notes: tuple[str, ...]
 
     def summary(self) -> tuple[str, ...]:
-        """Notes for the reader of a fit with this shape."""
+        """Return notes for the reader of a fit that uses this shape."""
         test, (short, long) = self.held_out, (self.lengths[-1], self.lengths[0])
         return (
-            f"The shape is measured: {len(self.used)} pictures from {short * 1e3:.4g} to "
-            f"{long * 1e3:.4g} mm; {test.pictures} held out are predicted within "
-            f"{test.rms * 1e6:.3g} um RMS, {test.standardised:.2g} of what was expected.",
+            f"The shape is measured in {len(self.used)} pictures at lengths from {short * 1e3:.4g} to "
+            f"{long * 1e3:.4g} mm; {test.pictures} held-out pictures are predicted within "
+            f"{test.rms * 1e6:.3g} um RMS, {test.standardised:.2g} times the expected error.",
             *self.notes,
         )
 
     def family(
         self, braid: famjax.braids.AbstractBraid, *, draw: int | None = None
     ) -> famjax.surfaces.SampledSurface:
-        """Return the surface with a braid; that of a draw if its number is given."""
+        """Return the surface with a braid: the fitted surface, or a draw if its number is given."""
         both = self.diameters if draw is None else self.draws[draw]
         lengths = self.lengths * (1.0 if draw is None else self.draw_scales[draw])
         known = np.isfinite(self.pressures).all()
@@ -345,22 +345,23 @@ class ShapeSurface:
     ) -> famjax.MeasuredGeometry:
         """Return the measured geometry of a muscle.
 
-        The triangle relation neglects the ends, where the diameter is smaller. Its turns are a few percent
-        off, and so is the force. Count the turns, or identify them with the fit.
+        The triangle relation neglects the ends, where the diameter is smaller, so the turns and hence the
+        force are a few percent off. Count the turns, or identify them in the fit.
 
         Args:
             specimen: rest length, wall, braid thickness, and the bladder's diameter, which is None if the
                 bladder fills the braid at rest.
-            braid: braid with the turns of the threads; by the triangle relation if omitted.
+            braid: braid with the turns of the threads; from the triangle relation if omitted.
             draw: number of a draw, for the uncertainty of the shape.
 
         Raises:
-            InputError: the threads lie inside the wall, where photographs do not show them.
+            InputError: the threads lie inside the wall, where photographs do not show them, or the bladder
+                diameter at rest is neither given nor photographed.
         """
         if specimen.embedded:
             raise InputError(
-                "photographs do not show threads inside the wall: a measured shape requires a bladder "
-                "under its braid, specimen embedded = false"
+                "photographs do not show threads inside the wall: a measured shape requires the "
+                "bladder to be under the braid (specimen embedded = false)"
             )
         braid = braid or famjax.Braid(
             self.threads.length, self.threads.turns, specimen.braid_thickness
@@ -373,9 +374,9 @@ class ShapeSurface:
             outer = float(at_rest) - 2 * specimen.braid_thickness
         if not np.isfinite(outer):
             raise InputError(
-                f"the pictures end at {self.lengths[0] * 1e3:.4g} mm, short of the rest length "
-                f"{specimen.rest_length * 1e3:.4g} mm: give the bladder's diameter at rest, specimen "
-                "bladder_diameter_mm = ..., or photograph the muscle at rest"
+                f"the longest photographed length, {self.lengths[0] * 1e3:.4g} mm, is below the rest "
+                f"length, {specimen.rest_length * 1e3:.4g} mm: give the bladder diameter at rest (specimen "
+                "bladder_diameter_mm = ...), or photograph the muscle at rest"
             )
         bladder = famjax.Bladder(specimen.rest_length, outer, specimen.wall_thickness)
         return famjax.MeasuredGeometry(self.family(braid, draw=draw), bladder)
@@ -384,23 +385,23 @@ class ShapeSurface:
 def shape_surface(
     pictures: str | Path | Pictures, *, draws: int = 64, seed: int = 0
 ) -> ShapeSurface:
-    """Fit the shape of a muscle over length and pressure to the pictures of a campaign.
+    """Fit the shape of a muscle, over length and pressure, to the pictures from a test campaign.
 
-    At each position z/L the diameter is a polynomial in length, with or without terms times the pressure,
-    fitted by least squares. The degrees are the same everywhere. Cross-validation chooses them; the degree
-    in length is then raised by two, so that the band covers the bias. Pictures far off the surface are left
-    out and named.
+    At each position z/L the diameter is a polynomial in length, with or without terms proportional to
+    pressure, fitted by least squares. The degrees are the same at all positions and chosen by
+    cross-validation; the degree in length is then raised by two, so that the band covers the bias. Pictures
+    far off the surface are left out and named.
 
     Args:
-        pictures: `measurements.nc` of `famjax measure`, with or without pressures.
+        pictures: `measurements.nc` from `famjax measure`, with or without pressures.
         draws: number of draws for the uncertainty.
-        seed: seed of the draws.
+        seed: random seed of the draws.
 
     Returns:
         The surface, tested on held-out pictures.
 
     Raises:
-        InputError: too few pictures or lengths, or pictures that lie on no smooth surface.
+        InputError: there are too few pictures or lengths, or the pictures do not lie on a smooth surface.
 
     References:
         Chambers 2021, section 4.3, fits each profile separately. Wu 1986 for the draws, with held-out
@@ -416,11 +417,13 @@ def shape_surface(
     low, high = used.pressure_ends()
     if form.with_pressure >= 0:
         notes.append(
-            f"The shape at a length changes with the pressure: polynomials of degree {form.degree} in "
-            f"length, and of degree {form.with_pressure} in length times the pressure."
+            f"At a given length, the shape changes with pressure: polynomial of degree {form.degree} in "
+            f"length, plus pressure times a polynomial of degree {form.with_pressure} in length."
         )
     elif np.isfinite(low):
-        notes.append("The shape at a length does not change with the pressure beyond its scatter.")
+        notes.append(
+            "At a given length, the shape does not change with pressure beyond the scatter."
+        )
         low = high = np.nan
     at = np.stack([found.basis(lengths, np.full(KNOTS, P)) for P in (low, high)])
     rng = np.random.default_rng(seed)
@@ -443,10 +446,10 @@ def shape_surface(
 
 
 def _common(pictures: Pictures, draws: int, rng: np.random.Generator) -> Array:
-    """Diameter errors [m] shared by all pictures, shape (draws, m).
+    """Sample the diameter errors [m] shared by all pictures, shape (draws, m).
 
-    They are the error of the average diameter plus, along the axis, the excess of the errors at the
-    positions over it, correlated over the smoothing length of the outline.
+    They are the error of the average diameter plus an error along the axis: the part of the error at
+    each position in excess of the former, correlated over the smoothing length of the outline.
     """
     x = np.linspace(0, 1, pictures.diameter.shape[1])
     whole = pictures.mean_std * rng.standard_normal((draws, 1))
@@ -463,8 +466,8 @@ def _forms(pictures: Pictures) -> list[SurfaceForm]:
     lengths = 1 + int(np.sum(np.diff(np.sort(pictures.length)) > 1e-3 * span)) if span else 1
     if lengths < 4:
         raise InputError(
-            f"{pictures.source}: the pictures are of {lengths} different lengths; a surface needs four "
-            "or more: photograph a whole stroke"
+            f"{pictures.source}: the pictures show {lengths} different lengths, but a surface needs "
+            "at least four: photograph a whole stroke"
         )
     dependent = [-1, 0, 1, 2, 3] if np.isfinite(pictures.pressure_ends()[0]) else [-1]
     forms = [
@@ -479,8 +482,8 @@ def _forms(pictures: Pictures) -> list[SurfaceForm]:
 def _choose(pictures: Pictures) -> SurfaceForm:
     """Choose the form with the smallest held-out error, and add two degrees in length.
 
-    The form that predicts best has as much bias as scatter, and a band does not cover bias. Terms with the
-    pressure must reduce the error by more than its standard error (Breiman et al. 1984).
+    The form that predicts best has as much bias as scatter, and a band does not cover bias. Pressure terms
+    must reduce the error by more than its standard error (Breiman et al. 1984).
     """
     forms = _forms(pictures)
     errors = {form: np.mean(_Polynomials(pictures, form).left_out ** 2, axis=1) for form in forms}
@@ -520,14 +523,14 @@ def _on_a_surface(pictures: Pictures) -> tuple[NDArray[np.bool_], list[str]]:
     if scatter > MOST_SCATTER:
         raise InputError(
             f"{pictures.source}: the pictures scatter by {scatter:.1%} of the diameter about any smooth "
-            "surface; photographs of one muscle scatter by 0.1 %: check that lengths, pressures and "
-            "pictures belong together"
+            "surface, whereas photographs of one muscle scatter by 0.1 %: check that lengths, pressures "
+            "and pictures belong together"
         )
     if keep.all():
         return keep, []
     out = np.array(pictures.names)[~keep]
     said = "1 picture lies" if len(out) == 1 else f"{len(out)} pictures lie"
-    return keep, [f"{said} off the surface, left out: {', '.join(out)}."]
+    return keep, [f"{said} off the surface (left out): {', '.join(out)}."]
 
 
 def _held_out(pictures: Pictures, form: SurfaceForm) -> HeldOut:

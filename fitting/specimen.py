@@ -21,12 +21,12 @@ _WALL_OF_BORE = 0.18  # largest ratio of wall to bore, from the DMSP-10, the sma
 
 
 class Plausible(NamedTuple):
-    """Plausible range of a quantity of a muscle.
+    """Plausible range of a muscle property.
 
     Attributes:
         kind: kind of unit, a key of `UNITS`.
         low, high: generous limits [SI].
-        usual: value of a common muscle [SI], used to guess the unit.
+        usual: typical value [SI], used to guess the unit.
     """
 
     kind: str
@@ -80,7 +80,7 @@ def any_units() -> Iterator[None]:
 
 
 def check_plausible(what: str, value: float, quantity: str | None, unit: str = "") -> None:
-    """Refuse an implausible value and suggest its likely unit.
+    """Reject an implausible value and suggest its likely unit.
 
     Args:
         what: subject of the message.
@@ -118,7 +118,7 @@ def check_plausible(what: str, value: float, quantity: str | None, unit: str = "
 
 
 def _guesses(number: float, known: Plausible, said: str) -> list[str]:
-    """Return up to two units in which a number would be plausible, the likeliest first."""
+    """Return up to two units in which a number would be plausible, the most likely first."""
     away = {
         unit: abs(math.log10(number * size / known.usual))
         for unit, size in UNITS[known.kind].items()
@@ -134,7 +134,7 @@ def quantity_of(name: str, kind: str) -> str | None:
 
 
 def check_bounds(name: str, kind: str, ends: Iterable[float], unit: str = "") -> None:
-    """Refuse bounds (or a fixed value) of implausible magnitude.
+    """Reject bounds (or a fixed value) of implausible magnitude.
 
     Args:
         name: name of the parameter.
@@ -150,7 +150,7 @@ def check_bounds(name: str, kind: str, ends: Iterable[float], unit: str = "") ->
 
 
 def check_prior(name: str, kind: str, prior: tuple[float, float], unit: str = "") -> None:
-    """Refuse a prior in the wrong unit, or one so narrow that it fixes the parameter.
+    """Reject a prior in the wrong unit, or one so narrow that it fixes the parameter.
 
     Args:
         name: name of the parameter.
@@ -171,8 +171,8 @@ def check_prior(name: str, kind: str, prior: tuple[float, float], unit: str = ""
         mean, std, narrowest = (one / UNITS[kind][unit] for one in (mean, std, narrowest))
         raise InputError(
             f"the prior of {name}, {mean:.6g} +- {std:.3g} {unit}, must have a standard deviation of "
-            f"{narrowest:.3g} {unit} or more, since a narrower one fixes the value. Fix it by bounds or by "
-            f"Parameter({mean:.6g}, vary=False, ...), or give the standard error of the measurement"
+            f"{narrowest:.3g} {unit} or more, since a narrower one fixes the value. Fix it with bounds or "
+            f"with Parameter({mean:.6g}, vary=False, ...), or give the standard error of the measurement"
         )
 
 
@@ -201,7 +201,7 @@ class Specimen:
     def __post_init__(self) -> None:
         if not (isinstance(self.name, str) and isinstance(self.embedded, bool | np.bool_)):
             raise InputError(
-                "the specimen's name must be a string, and embedded True or False; got "
+                "the specimen's name must be a string, and embedded must be True or False; got "
                 f"{shown(self.name)} and {shown(self.embedded)}"
             )
         for name in SPECIMEN_LENGTHS:
@@ -238,7 +238,7 @@ def said_number(value: str, what: str) -> float:
     try:
         return float(value)
     except ValueError:
-        hint = " (write a decimal point)" if "," in value else ""
+        hint = " (use a decimal point)" if "," in value else ""
         raise InputError(f"{what} is {value!r}, not a number{hint}") from None
 
 
@@ -255,7 +255,9 @@ def parse_specimen(entries: Iterable[str]) -> dict[str, Any]:
     for entry in entries:
         key, equals, value = (part.strip() for part in entry.partition("="))
         if not equals:
-            raise InputError(f"specimen {entry!r} must read key=value, as in rest_length_mm=296")
+            raise InputError(
+                f"specimen {entry!r} must have the form key=value, as in rest_length_mm=296"
+            )
         name, field = _specimen_field(key, value)
         if name in fields:
             raise InputError(f"the specimen's {name} is given twice")
@@ -277,7 +279,7 @@ def _specimen_field(key: str, value: str) -> tuple[str, Any]:
         near = [f"{one}_{unit}" for one in SPECIMEN_LENGTHS for unit in UNITS["length"]]
         raise InputError(
             f"unknown specimen entry {key!r}; choose from {', '.join(known)}{meant(key, [*near, *known])}. "
-            f"For a parameter of the fit, give --prior {key}=MEAN+-STD, or fix it with --bounds "
+            f"For a parameter of the fit, use --prior {key}=MEAN+-STD, or fix it with --bounds "
             f"{key}={value}"
         )
     kind = "force" if name == "force_limit" else "length"

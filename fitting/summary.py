@@ -1,4 +1,4 @@
-"""Summarise an optimum as an identification: covariance, estimates with errors, certificate."""
+"""Convert an optimum to an identification: covariance, estimates with errors, certificate."""
 
 import dataclasses
 import math
@@ -26,7 +26,7 @@ _STEP = 1e-3  # finite-difference step on a path, for the curvature of the modul
 def joint_derivatives(
     point: Point,
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k p"], Float[np.ndarray, "m p"]]:
-    """Weighted residual, its Jacobian and the Jacobian of the constraints, in (parameters, x)."""
+    """Return the weighted residual, its Jacobian and that of the constraints, in (parameters, x)."""
     A, G = point.A, point.G
     d_residual, d_slack = partial(point)
     columns = np.zeros((len(d_residual), A.shape[1]))
@@ -41,7 +41,7 @@ def joint_derivatives(
 def _covariance(
     problem: Problem, end: End, weights: Weights | None
 ) -> tuple[Covariance, Bool[np.ndarray, " p"]]:
-    """Covariance of parameters and coefficients, and True for those that are fixed or at a bound."""
+    """Return the covariance of parameters and coefficients, and True for those fixed or at a bound."""
     residual, jacobian, rows = joint_derivatives(end.point)
     held, rows, bent = held_and_active(problem, end, rows)
     n_priors = residual.size - problem.force.size
@@ -65,8 +65,8 @@ def held_and_active(
     """Find parameters that are fixed or at a bound, and the effect of active constraints on the others.
 
     Neighbouring active stations represent one point at which the law touches the constraint. This point
-    moves with the parameters, which adds curvature: for the modulus m(s) with multiplier l the cost gains
-    l m_s m_s^T / m_ss, with m_s the derivative of the modulus gradient in s.
+    moves with the parameters, which adds curvature: for the modulus m(s) with multiplier l, the cost gains
+    l m_s m_s^T / m_ss, where m_s is the derivative of the modulus gradient with respect to s.
 
     Args:
         problem: the problem with refined stations.
@@ -113,7 +113,7 @@ def _bent(
     pull: Float[np.ndarray, " m"],
     touches: Sequence[Int[np.ndarray, " _"]],
 ) -> Float[np.ndarray, "c p"]:
-    """Roots of the curvature added by the touched points, by finite differences in their position."""
+    """Return roots of the curvature added by the touched points, from finite differences in position."""
     p = len(problem.names) + len(problem.linear)
     stations = np.concatenate([part.inputs.stations.ravel() for part in problem.parts])
     middles = [pull[rows] @ stations[rows] / pull[rows].sum() for rows in touches]
@@ -203,9 +203,9 @@ def summarise(
     Args:
         posed: the problem before its stations were refined.
         end: the optimum, with the refined problem in its point.
-        ends: ends of all descents.
-        seed: seed of the starts.
-        weights: weights of the objective, if it has any.
+        ends: end points of all descents.
+        seed: random seed of the starts.
+        weights: weights used by the objective, if any.
         pictures: photographed and computed profiles, if fitted together.
     """
     point, problem, order = end.point, end.point.problem, posed.law.order

@@ -1,15 +1,15 @@
-"""Convex fits of a sweep: all orders, dependences and constraints of one force map together.
+"""Convex fits of a sweep: all orders, pressure dependences and constraints for one force map together.
 
 At a known geometry F = F_0 + sum_n E_n c_n, so each fit is a convex programme with two unknowns for every
-order, E_n at the lowest and at the highest pressure. A law fixed in pressure has only the first; a law
-free in pressure has a separate programme for each pressure.
+order, E_n at the lowest and at the highest pressure. A law with fixed dependence has only the first; one
+with free dependence has a separate programme for each pressure.
 
-A constraint along the paths, g(s) = sum_n E_n phi_n(s) >= 0 for all s in [0, 1], is posed at stations. The
-point at which an optimum violates it most is added until nothing is violated (exchange). Piecewise cubics
-approximate phi_n to rounding, so the minima of g are found in closed form.
+A constraint along the paths, g(s) = sum_n E_n phi_n(s) >= 0 for all s in [0, 1], is imposed at stations.
+The point at which an optimum violates it most is added until nothing is violated (exchange). Piecewise
+cubics approximate phi_n to rounding error, so the minima of g are found in closed form.
 
-The mean RMSE is minimised by reweighting: each step solves a sum of squares with the gradient of the mean
-RMSE at the previous point and an equal or larger curvature.
+The mean RMSE is minimised by reweighting: each step minimises a sum of squares that has the gradient of
+the mean RMSE at the previous point and an equal or larger curvature.
 
 References:
     Chambers 2021, equation 7.6.
@@ -92,7 +92,7 @@ class LinearMuscle:
     def columns(
         self, length: Float[np.ndarray, "..."], pressure: Float[np.ndarray, "..."]
     ) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "... order"]]:
-        """F_0 [N] and c_n [N/Pa] at lengths [m] and pressures [Pa], in their broadcast shape."""
+        """Return F_0 [N] and c_n [N/Pa] at lengths [m] and pressures [Pa], in their broadcast shape."""
         none = np.zeros(1), np.zeros(1), np.zeros((1, 0))
         at = [1.0 * one for one in np.broadcast_arrays(length, pressure)]
         force, columns = _in_chunks(
@@ -108,7 +108,7 @@ class LinearMuscle:
         path_end: Float[np.ndarray, " cells"],
         s: Float[np.ndarray, "cells k"],
     ) -> Float[np.ndarray, "cells k order"]:
-        """phi_n [-] at relative positions s on paths from rest to their ends [m]."""
+        """Return phi_n [-] at relative positions s on paths from rest to their ends [m]."""
         rest = np.array([self.rest_length]), np.zeros(1)
         return _in_chunks(
             lambda *paths: self._response(constraint, *rest, *paths).rows.reshape(
@@ -135,10 +135,10 @@ class PathTable(NamedTuple):
     def of(
         cls, evaluate: Callable[[np.ndarray, np.ndarray], np.ndarray], paths: int, cells: int
     ) -> "PathTable":
-        """Approximate functions to rounding, halving the cells until the cubics agree with them.
+        """Approximate functions to rounding error, halving the cells until the cubics agree with them.
 
         Args:
-            evaluate: returns phi_n for paths, shape (m,), at positions, shape (m, k); shape (m, k, order).
+            evaluate: maps paths, shape (m,), and positions, shape (m, k), to phi_n, shape (m, k, order).
             paths: number of paths.
             cells: initial number of cells of each path.
         """
@@ -155,7 +155,7 @@ class PathTable(NamedTuple):
     def at(
         self, path: Int[np.ndarray, "*#batch"], s: Float[np.ndarray, "*batch"]
     ) -> Float[np.ndarray, "*batch order"]:
-        """phi_n at positions of paths."""
+        """Return phi_n at positions on paths."""
         cells = self.cubic.shape[1]
         cell = np.minimum(np.nan_to_num(cells * s).astype(int), cells - 1)
         t = (cells * s - cell)[..., None, None]
@@ -164,7 +164,7 @@ class PathTable(NamedTuple):
     def weakest(
         self, E: Float[np.ndarray, "*batch paths order"]
     ) -> tuple[Float[np.ndarray, "*batch paths"], Float[np.ndarray, "*batch paths"]]:
-        """Smallest g = sum_n E_n phi_n [Pa] of each path, and its position."""
+        """Return the smallest g = sum_n E_n phi_n [Pa] on each path, and its position."""
         paths, cells = self.cubic.shape[:2]
         flat = self.cubic.reshape(paths, -1, E.shape[-1])
         c = np.moveaxis((flat @ E[..., None]).reshape(*E.shape[:-1], cells, 4), -1, 0)
@@ -183,17 +183,17 @@ class PathTable(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Design:
-    """Linear problem of all fits of a map: loaded readings by pressure, padded to one length.
+    """Linear problem shared by all fits to a map: loaded readings by pressure, padded to equal length.
 
     Attributes:
         muscle: the muscle, for any coefficients.
         pressure: levels [Pa], increasing, shape (pressures,).
-        force, length: [N, m], shape (pressures, readings).
+        force, length: force [N] and length [m], shape (pressures, readings).
         weight: 1/std, or 1; 0 for padding, shape (pressures, readings).
         path_end: shortest length [m] of each path, shape (pressures,).
         A, target: c_n [N/Pa] and F - F_0 [N] at the readings, shapes (pressures, readings, order) and
             (pressures, readings).
-        factor: weighted triangle of [A target], shape (pressures, order + 1, order + 1).
+        factor: triangular factor of the weighted [A target], shape (pressures, order + 1, order + 1).
         tables: constraints along the paths, by name.
     """
 
@@ -212,20 +212,20 @@ class Design:
     def of(cls, muscle: LinearMuscle, data: ForceData) -> "Design":
         """Set up the problem of a force map.
 
-        The path at a pressure runs from rest to the longest length at which the muscle is slack there, or
+        The path at a pressure runs from rest to the longest length at which the muscle is slack, or
         to the shortest length if no reading is slack.
 
         Raises:
             InputError: a pressure has no loaded reading shorter than the rest length, there are more than
-                200 pressures, or the muscle has no force at a reading.
+                200 pressures, or the force is undefined at a reading.
         """
         loaded, level, rest = data.loaded, data.pressures.level, muscle.rest_length
         pressure = np.unique(level[loaded])
         if pressure.size > _PRESSURES:
             raise InputError(
-                f"a sweep needs a path for each pressure and accepts at most {_PRESSURES}; the map has "
-                f"{pressure.size}. Group them by a line of the file such as "
-                "`# level: pressure_tolerance_kPa = 5`, or fit one law to all readings by `famjax fit`"
+                f"a sweep needs a path for each pressure and accepts at most {_PRESSURES} pressures; the "
+                f"map has {pressure.size}. Group them with a line in the file, such as "
+                "`# level: pressure_tolerance_kPa = 5`, or fit one law to all readings with `famjax fit`"
             )
         path_end = np.array([path_end_at(data, float(one)) for one in pressure])
         short = np.flatnonzero(path_end >= rest)
@@ -245,8 +245,8 @@ class Design:
         if lost.size:
             k, n = lost[0]
             raise InputError(
-                f"the muscle must have a force at every loaded reading; it has none at {len(lost)} of "
-                f"them, first at {length[k, n] * 1e3:.5g} mm and {pressure[k] / 1e3:.5g} kPa: "
+                f"the force must be defined at every loaded reading; it is undefined (nan) at {len(lost)} "
+                f"of them, first at {length[k, n] * 1e3:.5g} mm and {pressure[k] / 1e3:.5g} kPa: "
                 "the geometry does not extend there, or a force term is nan"
             )
         target = data.force[padded] - braid
@@ -279,12 +279,12 @@ class Design:
 
 
 class Fits(NamedTuple):
-    """Certified optima.
+    """Certified optima of several fits.
 
     Attributes:
         coefficients: E_n [Pa] at each pressure, shape (..., pressures, order); nan unless OPTIMAL.
         objective: minimum of the objective.
-        kkt_residual, duality_gap: relative certificate.
+        kkt_residual, duality_gap: certificate, as relative values.
         status: a `Status`.
     """
 
@@ -318,11 +318,11 @@ def fits_of(
     constraints: tuple[str, ...],
     objective: str,
 ) -> tuple[Fits, Float[np.ndarray, "orders constraints pressures"]]:
-    """Solve the fits with one dependence on pressure, axes (orders, constraints).
+    """Solve the fits with one dependence on pressure; the axes are (orders, constraints).
 
     Args:
         of: the linear problem.
-        dependence: "fixed", "linear" or "free". The latter has a programme for each pressure, whose RMSE
+        dependence: "fixed", "linear" or "free". The last has a programme for each pressure, whose RMSE
             and sum of squares have the same minimum.
         orders: orders of the law.
         constraints: some of `response.CONSTRAINTS`.
@@ -376,13 +376,13 @@ class _Norms(NamedTuple):
         return cls(W * given.used[:, None, None], of.factor[:, :, order] * keep, share)
 
     def at(self, x: np.ndarray, rounding: float) -> tuple[np.ndarray, np.ndarray]:
-        """r_p, and sqrt(|r_p|^2 + (rounding |c_p|)^2); the latter is positive."""
+        """Return r_p, and sqrt(|r_p|^2 + (rounding |c_p|)^2), which is positive."""
         r = (self.W @ x[:, None, :, None])[..., 0] - self.c
         norm = np.sqrt((r**2).sum(axis=-1) + rounding**2 * (self.c**2).sum(axis=-1))
         return r, np.where(norm > 0, norm, 1.0)
 
     def model(self, x: np.ndarray, loose: float, rounding: float) -> tuple[np.ndarray, np.ndarray]:
-        """A and b of a sum of squares with the gradient of sum_p share_p |r_p| at x.
+        """Return A and b of a sum of squares with the gradient of sum_p share_p |r_p| at x.
 
         Its curvature is (1 - loose) times that of the norms plus `loose` times share_p / |r_p|, that of the
         sum of squares that bounds them from above. With loose = 1, every step reduces the mean RMSE.
@@ -399,11 +399,11 @@ class _Norms(NamedTuple):
     def certificate(
         self, x: np.ndarray, G: np.ndarray, multipliers: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Mean RMSE, relative residual of its optimality conditions, and relative duality gap.
+        """Return the mean RMSE, relative residual of its optimality conditions, and relative duality gap.
 
         The residual is relative to the data: a change of the readings by this much makes the point optimal.
         Any u_p with |u_p| <= share_p and sum_p W_p^T u_p = G^T l, l >= 0, gives the lower bound
-        -sum_p u_p c_p of the optimum. The gap is sum_p share_p |r_p| - u_p r_p + x (G^T l + the residual
+        -sum_p u_p c_p on the optimum. The gap is sum_p share_p |r_p| - u_p r_p + x (G^T l + the residual
         of the conditions).
         """
         r, norm = self.at(x, _ROUNDED)
@@ -423,7 +423,7 @@ class _Norms(NamedTuple):
 
 
 def _optima(of: Design, given: _Programmes, objective: str) -> Fits:
-    """Solve programmes, adding violated points between stations, until all have ended."""
+    """Solve programmes, adding violated points between stations, until all are finished."""
     count, n = given.used.shape
     norms, smooth = _Norms.of(of, given), objective == "mean_rmse"
     G, x = _posed(of, given), np.zeros((count, n))
@@ -481,7 +481,7 @@ def _optimum(
 
 
 def _posed(of: Design, given: _Programmes) -> Float[np.ndarray, "b pressures points n"]:
-    """Initial rows of the constraints, with zero rows for later points."""
+    """Return the initial rows of the constraints, with zero rows for later points."""
     (count, n), paths = given.used.shape, len(of.target)
     G = np.zeros((count, paths, _STATIONS + _SPARE, n))
     positive = given.constraint == "positive"
@@ -497,7 +497,7 @@ def _posed(of: Design, given: _Programmes) -> Float[np.ndarray, "b pressures poi
 def _rows(
     given: _Programmes, mine: Bool[np.ndarray, " b"], phi: Float[np.ndarray, "#m pressures k order"]
 ) -> Float[np.ndarray, "m pressures k n"]:
-    """Rows of phi_n on the unknowns of some programmes."""
+    """Return the rows of phi_n for the unknowns of some programmes."""
     rows = phi[..., None] * given.basis[mine][:, :, None, None, :]
     return rows.reshape(*rows.shape[:3], given.used.shape[1]) * given.used[mine][:, None, None]
 
@@ -505,7 +505,7 @@ def _rows(
 def _coefficients(
     given: _Programmes, x: Float[np.ndarray, "b n"]
 ) -> Float[np.ndarray, "b pressures order"]:
-    """E_n [Pa] at the pressures."""
+    """Return E_n [Pa] at each pressure."""
     return given.basis @ x.reshape(len(x), -1, 2).swapaxes(1, 2)
 
 
@@ -517,9 +517,10 @@ def _pose_weakest(
     slot: int,
     least_size: Float[np.ndarray, " b"],
 ) -> Float[np.ndarray, " b"]:
-    """Largest violation relative to the largest coefficient; add the weakest point of each path as a row.
+    """Add the weakest point of each path as a row, and return the largest violation.
 
-    For a law that nearly vanishes, the violation is relative to `least_size` [Pa].
+    The violation is relative to the largest coefficient, or to `least_size` [Pa] for a law that nearly
+    vanishes.
     """
     violation, E = np.zeros(len(x)), _coefficients(given, x)
     size = np.maximum(np.abs(E).max(axis=(1, 2), initial=0.0), least_size)

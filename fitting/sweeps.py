@@ -1,4 +1,4 @@
-"""Fit all permutations of order, pressure dependence and constraint at one geometry."""
+"""Fit all combinations of order, pressure dependence and constraint at one geometry."""
 
 import dataclasses
 import math
@@ -28,26 +28,26 @@ _HIGHEST_ORDER = 4
 
 @dataclasses.dataclass(frozen=True)
 class SweepRow:
-    """One fit of a sweep, in SI.
+    """One fit in a sweep, in SI.
 
     Attributes:
         dependence, order, constraint: form of the law.
         n_coefficients: number of coefficients.
         coefficients: E_n [Pa] at each pressure, shape (pressures, order).
         objective: minimum of the objective: half the sum of squares, or the mean RMSE.
-        rmse, mae: [N], averaged over pressures.
-        rmse_by_pressure, mae_by_pressure: [N].
+        rmse, mae: root mean square and mean absolute error [N], averaged over pressures.
+        rmse_by_pressure, mae_by_pressure: the same at each pressure [N].
         blocked_error: mean over pressures of |model - measured| blocked force [N].
-        blocked_error_by_pressure: model minus measured [N].
+        blocked_error_by_pressure: model minus measured blocked force [N].
         free_contraction_error: mean of |model - measured| [-] over pressures with both values, or nan.
         free_contraction_error_by_pressure: model minus measured [-]; nan if the model's force does not
             fall to zero, or the measured force does not come close to it.
-        bic: information criterion for independent normal errors, for coefficients without constraint.
-        cross_validated_rmse: [N] at held-out pressures; nan if the form does not predict other pressures.
+        bic: Bayesian information criterion for independent normal errors and unconstrained coefficients.
+        cross_validated_rmse: RMSE [N] at held-out pressures; nan if the form cannot predict them.
         margin: smallest modulus along the actuation paths [Pa]; Drucker-stable when >= 0.
         kkt_residual, duality_gap: certificate.
         status: status of the solver.
-        verdict: "stable", "not stable", or why there is no fit.
+        verdict: "stable", "not stable", or the reason why there is no fit.
     """
 
     dependence: str
@@ -73,7 +73,7 @@ class SweepRow:
     verdict: str
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready numbers and lists; nan stays nan."""
+        """Return JSON-ready numbers and lists; nan stays nan."""
         plain = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in vars(self).items()}
         return plain | {"status": self.status.name}
 
@@ -102,7 +102,7 @@ def sweep(
     constraints: Sequence[str] = CONSTRAINTS,
     objective: str = "sum_of_squares",
 ) -> Sweep:
-    """Fit all permutations of the law at a fixed geometry, each to a certified global optimum.
+    """Fit all combinations of law options at a fixed geometry, each to a certified global optimum.
 
     The force is linear in the coefficients, so every fit is convex. Constraints also hold between the
     readings.
@@ -166,7 +166,7 @@ def _rows(
     constraints: tuple[str, ...],
     objective: str,
 ) -> Iterator[SweepRow]:
-    """Fits of one dependence, with their errors, information criteria and stability."""
+    """Yield the fits with one dependence, with their errors, information criteria and stability."""
     fits, left_out = fits_of(of, dependence, orders, constraints, objective)
     E, count = fits.coefficients, of.there.sum(axis=1)
     residual, n = of.residual(E), count.sum()
@@ -204,11 +204,11 @@ def _rows(
 def _end_errors(
     of: Design, E: Float[np.ndarray, "*fits pressures order"]
 ) -> tuple[Float[np.ndarray, "*fits pressures"], Float[np.ndarray, "*fits pressures"]]:
-    """Blocked force [N] and free contraction [-] of the fits minus measurement, by pressure.
+    """Return fitted minus measured blocked force [N] and free contraction [-], by pressure.
 
     The measured blocked force is the mean of the readings at rest. The measured free contraction is
     extrapolated by a line through the readings below a tenth of the largest force, or at the two shortest
-    lengths. Both are nan if not measured.
+    lengths. Each is nan if it was not measured.
     """
     muscle, rest = of.muscle, of.muscle.rest_length
     # Search up to twice the largest measured contraction.

@@ -42,7 +42,7 @@ class LeftOut:
 
     @property
     def values(self) -> Float[np.ndarray, " groups"]:
-        """Level of each group; the mean if it has several."""
+        """Level of each group; the mean level if it has several."""
         return levels_of_groups(self.level, self.group)
 
     @property
@@ -62,9 +62,9 @@ class LeftOut:
 
 
 def columns_of(left_out: Mapping[str, LeftOut]) -> dict[str, float]:
-    """Held-out RMSE [N] by pressures, interior lengths, end lengths or specimens, with equal group weights.
+    """Return the held-out RMSE [N] by pressure, interior length, end length or specimen.
 
-    Predictions at the shortest and longest lengths are extrapolations.
+    All groups have equal weight. Predictions at the shortest and longest lengths are extrapolations.
     """
     found = {}
     for kind, one in left_out.items():
@@ -84,7 +84,7 @@ def _root_mean_square(values: Float[np.ndarray, " n"]) -> float:
 def levels_of_groups(
     level: Float[np.ndarray, " points"], group: Int[np.ndarray, " points"]
 ) -> Float[np.ndarray, " groups"]:
-    """Level of each group; the mean over its readings if it has several."""
+    """Return the level of each group; the mean over its readings if it has several levels."""
     first = level[np.unique(group, return_index=True)[1]]
     return first + np.bincount(group, level - first[group]) / np.bincount(group)
 
@@ -98,17 +98,17 @@ def validate(
 ) -> LeftOut:
     """Cross-validate an identification by pressures or lengths.
 
-    For each group, all identified parameters are identified again without it, from the optimum and from
-    other starts, and the group is predicted.
+    Each group is left out in turn: all identified parameters are identified again from the other groups,
+    starting from the optimum and from other points, and the group is predicted.
 
     Args:
-        result: from `identify`, or any result of `identify_together`, which stands for all of them.
+        result: from `identify`, or any result of `identify_together`, which represents all of them.
         groups: kind of groups to leave out.
         starts: descents for each group, including one from the optimum of all readings.
         progress: called with (descents done, total).
 
     Raises:
-        InputError: fewer than two groups, or an unknown kind.
+        InputError: there are fewer than two groups, or the kind is unknown.
     """
     check_identified(result)
     check_whole("starts", starts, 1)
@@ -116,7 +116,9 @@ def validate(
     if groups not in ("pressure", "length"):
         raise InputError(f"groups must be one of pressure, length, got {groups!r}")
     if _group_of_each(problem, groups, None, 2) is None:
-        raise InputError(f"leaving one {groups} out needs at least two; there is 1")
+        raise InputError(
+            f"leaving out one {groups} requires at least two {groups}s, but there is only 1"
+        )
     (found,) = leave_out_each(
         [(problem, result.end.u)], {groups: (None, starts)}, seed=result.seed + 1, settled=True,
         least=2, progress=progress,
@@ -142,13 +144,13 @@ def leave_out_each(
         kinds: for "pressure", "length" or "specimen", the number of groups of neighbouring levels (None
             for one level each, up to `MOST_APART`), and the number of descents of each refit, including
             the one from the optimum.
-        seed: seed of the other starts.
+        seed: random seed of the other starts.
         settled: if true, refits converge fully, as needed to compare nearly identical families.
-        least: minimum number of levels, as without one of two, the other is not informative.
+        least: minimum number of levels; a single remaining level is not informative.
         progress: called with (descents done, total).
 
     Returns:
-        Errors of each fit by kind, without kinds that have too few levels or only one specimen.
+        Errors of each fit by kind, excluding kinds with too few levels or only one specimen.
     """
     problems, starts = [], []
     places: list[tuple[int, str, np.ndarray, int]] = []
@@ -177,16 +179,16 @@ def leave_out_each(
 
 
 def groups_of(problem: Problem, kind: str) -> int | None:
-    """Number of groups for model errors: eight of neighbouring levels, or None for up to ten lengths."""
+    """Return the number of groups for model errors: 8, or None (one per level) for up to ten lengths."""
     return None if kind == "length" and np.unique(problem.levels(kind)).size <= 10 else 8
 
 
 def _group_of_each(
     problem: Problem, kind: str, groups: int | None, least: int
 ) -> Int[np.ndarray, " points"] | None:
-    """Group of every reading, -1 for a censored one at a level with censored readings only.
+    """Return the group of every reading; -1 for a censored one at a level with only censored readings.
 
-    None with fewer levels than the least, or with one specimen.
+    The result is None if there are fewer than `least` levels, or only one specimen.
     """
     level = problem.levels(kind)
     values = np.unique(level[problem.side == 0])
@@ -217,12 +219,12 @@ def best_ends(
 
 
 def force_error(problem: Problem, end: End) -> Float[np.ndarray, " points"]:
-    """Model minus reading [N] at every reading, independent of its weight."""
+    """Return model minus reading [N] at every reading, independent of its weight."""
     return end.point.force - problem.force
 
 
 QUANTILE_95 = 3.8415
-"""Quantile of chi-squared with one degree of freedom for a confidence of 95 %."""
+"""95 % quantile of chi-squared with one degree of freedom."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -234,7 +236,7 @@ class Profile:
         values: values at which it was held [SI], ascending, including the optimum.
         excess: increase of the sum of squares above the optimum in units of the noise variance. It
             follows chi-squared with one degree of freedom if the model is right; nan if no fit was found,
-            as beyond a constraint.
+            for example beyond a constraint.
         interval: (low, high) [SI] with a confidence of 95 %; infinite on a side where the excess stays
             below `QUANTILE_95`.
         verdict: "identified" (closed at 95 %), "one-sided", "flat" (open on both sides), "stopped by a
@@ -270,7 +272,7 @@ def profile(
         One profile for each name.
 
     Raises:
-        InputError: an unknown or held parameter, or coefficients that depend on pressure.
+        InputError: a parameter is unknown or held, or the coefficients depend on pressure.
     """
     check_identified(result)
     check_whole("points", points, 1)
@@ -305,7 +307,7 @@ def _profile(result: Identification, estimate: Estimate, points: int) -> Profile
         reach = 0.1 * (span if np.isfinite(span) else np.abs(result.coefficients).max())
 
     def side(sign: int) -> tuple[np.ndarray, np.ndarray]:
-        """Values from the optimum outwards with their excess, until it is significant or at a bound."""
+        """Return values from the optimum outwards and their excess, up to significance or a bound."""
         values, excess = np.array([estimate.value]), np.zeros(1)
         for times in 2.0 ** np.arange(4):
             end = np.clip(estimate.value + sign * times * reach, estimate.min, estimate.max)
@@ -331,7 +333,7 @@ def _profile(result: Identification, estimate: Estimate, points: int) -> Profile
 
 
 def _costs(result: Identification, name: str, values: np.ndarray) -> Float[np.ndarray, " values"]:
-    """Best cost with the parameter held at each value; nan if the fit does not converge."""
+    """Return the best cost with the parameter held at each value; nan if the fit does not converge."""
     problem, u = result.problem, result.end.u
     if name in problem.names:
         place = problem.names.index(name)
@@ -349,9 +351,10 @@ def _costs(result: Identification, name: str, values: np.ndarray) -> Float[np.nd
 
 
 def _crossing(values: np.ndarray, excess: np.ndarray, sign: int) -> float:
-    """Value at which the excess first exceeds `QUANTILE_95`, by linear interpolation of its root.
+    """Return the value at which the excess first exceeds `QUANTILE_95`, from its interpolated root.
 
-    Infinite, with the sign of the side, if it stays below until the values or the fits end.
+    The root is interpolated linearly. The value is infinite, with the sign of the side, if the excess stays
+    below until the values or the fits end.
     """
     # Values beyond the first failed fit are ignored.
     known = np.cumsum(np.isnan(excess)) == 0
@@ -385,7 +388,7 @@ class Bootstrap:
         return dict(zip(self.names, np.where(moved, spread, np.nan).tolist(), strict=True))
 
     def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
-        """Percentile interval [SI] of a parameter."""
+        """Return the percentile interval [SI] of a parameter."""
         ends = ((1 - level) / 2, (1 + level) / 2)
         low, high = np.quantile(self.samples[:, self.names.index(name)], ends)
         return float(low), float(high)
@@ -407,7 +410,7 @@ def bootstrap(
     Args:
         result: from `identify`.
         replicates: number of replicates.
-        seed: seed of the random draws.
+        seed: random seed of the resampling.
         progress: called with (replicates done, total).
 
     Raises:
@@ -430,7 +433,9 @@ def bootstrap(
     )
     good = np.array([end.converged for end in ends]) & np.isfinite(samples).all(axis=1)
     if good.sum() < 2:
-        raise InputError(f"only {good.sum()} of {replicates} replicates converged: fix a parameter")
+        raise InputError(
+            f"only {good.sum()} of {replicates} replicates converged: fix a poorly determined parameter"
+        )
     return Bootstrap(
         names=tuple(problem.names[k] for k in problem.free) + result.coefficient_names,
         samples=samples[good],

@@ -14,7 +14,7 @@ from .validation import LeftOut
 
 
 def runs_deviation(residuals: Float[np.ndarray, " n"]) -> float:
-    """Number of runs of one sign minus its expectation, in standard deviations.
+    """Return the number of runs of one sign minus its expected value, in standard deviations.
 
     For n1 positive and n2 negative residuals in random order, the number of runs has the mean
     1 + 2 n1 n2 / n and the variance (mean - 1)(mean - 2)/(n - 1).
@@ -44,16 +44,16 @@ def runs_deviation(residuals: Float[np.ndarray, " n"]) -> float:
 
 
 LEVELS = ("identified", "identified with doubts", "not identified")
-"""Levels by the most serious finding."""
+"""Verdict levels; the most serious finding decides."""
 
 POOR = 2.0
-"""Misfit in % of the largest force; a good fit is four times better."""
+"""Misfit [% of the largest force] above which a fit is doubtful; good fits are four times better."""
 _GOOD = 1.0  # misfit [%] of a good model, even if its error exceeds the noise
 
 
 @dataclasses.dataclass(frozen=True)
 class Judgement:
-    """Verdict on whether a fit can be trusted.
+    """Verdict on whether a fit can be trusted, with reasons.
 
     Attributes:
         level: the verdict.
@@ -70,7 +70,7 @@ class Judgement:
 
     @property
     def passed(self) -> bool:
-        """True if something was identified."""
+        """True unless the level is `not identified`."""
         return self.level != "not identified"
 
 
@@ -83,7 +83,7 @@ def _judgement(
     unsure = any("rest_length" in one.data.assumed for one in results)
     level = LEVELS[max(worst, int(unsure))]
     left = [check for name, check in _CHECKS.items() if name in results[0].data.assumed]
-    unchecked = "Not checked, because the specimen data do not include it: "
+    unchecked = "Not checked for lack of specimen data: "
     unchecked = f"{unchecked}{'; '.join(left)}." if left else ""
     return Judgement(level, tuple(r.sentence for r in reasons), tuple(suspicions), unchecked)
 
@@ -115,7 +115,8 @@ def judge(
     if np.unique(data.pressures.level[data.loaded]).size == 1:
         doubts.append(
             "All loaded readings are at one pressure: they do not separate the deadband from diameter and "
-            "angle, and forces at other pressures rely on the model alone. Measure at two or more."
+            "angle, and forces at other pressures rely on the model alone. Measure at two or more "
+            "pressures."
         )
     doubts += _of_residuals(result, misfit) + _of_left_out(left_out or {}, largest)
     doubts += [open_question] if open_question else []
@@ -133,7 +134,7 @@ _CHECKS = {
 
 
 def _of_left_out(left_out: Mapping[str, LeftOut], max_force: float) -> list[str]:
-    """Doubts about pressures or interior lengths that are predicted badly from the others."""
+    """Return doubts about pressures or interior lengths that are predicted poorly from the others."""
     found = []
     for kind, one in left_out.items():
         errors = one.group_rmse
@@ -144,17 +145,18 @@ def _of_left_out(left_out: Mapping[str, LeftOut], max_force: float) -> list[str]
         if missed > 0.05 * max_force:
             found.append(
                 Sentence(
-                    *(f"The {kind} ", Quantity(float(one.values[worst]), kind)),
-                    *(" is missed by ", Quantity(missed, "force", 3)),
-                    f" ({100 * missed / max_force:.2g} % of the largest force) when it is left out: the "
-                    f"{kind}s are inconsistent, or too few for the model.",
+                    *(f"When the {kind} ", Quantity(float(one.values[worst]), kind)),
+                    " is left out, its readings are predicted with an error of ",
+                    Quantity(missed, "force", 3),
+                    f" ({100 * missed / max_force:.2g} % of the largest force): the {kind}s are "
+                    "inconsistent, or too few for the model.",
                 )
             )
     return found
 
 
 def _of_residuals(result: Identification, misfit: float) -> list[str]:
-    """Doubts about residuals that are neither noise nor small."""
+    """Return doubts about residuals that are neither noise nor small."""
     if not misfit > _GOOD:
         return []
     data, found = result.data, []
@@ -162,16 +164,16 @@ def _of_residuals(result: Identification, misfit: float) -> list[str]:
         scatter = float(np.sqrt(np.mean((result.residuals / data.force_std[data.loaded]) ** 2)))
         if scatter > 3.0:
             found.append(
-                f"The misfit is {scatter:.3g} times the standard deviation of the readings: the error of "
-                "the model exceeds their noise."
+                f"The misfit is {scatter:.3g} times the standard deviation of the readings: the model "
+                "error exceeds the noise."
             )
     level, pressure = data.lengths.level[data.loaded], data.pressure[data.loaded]
     deviation = runs_deviation(result.residuals[np.lexsort((pressure, level))])
     if deviation < -3.0:
         found.append(
-            "The residuals keep their sign from reading to reading (a runs test finds "
-            f"{-deviation:.2g} standard deviations fewer changes than expected): the model or a "
-            "length is off by more than the noise."
+            "The residuals keep their sign from reading to reading (the number of sign changes is "
+            f"{-deviation:.2g} standard deviations below its expected value): the model or a length is off "
+            "by more than the noise."
         )
     return found
 
@@ -180,7 +182,7 @@ def judge_series(specimens: Sequence[Identification], left_out: LeftOut) -> Judg
     """Judge one model of several muscles that differ in length.
 
     Specimens of one make differ by more than the misfit of a single muscle, so the limits are wider than in
-    `judge`. The verdict reports how much they differ, and the bands include it.
+    `judge`. The verdict reports how much they differ, and the bands include the difference.
 
     Args:
         specimens: identification of each specimen, with shared parameters.
@@ -189,15 +191,19 @@ def judge_series(specimens: Sequence[Identification], left_out: LeftOut) -> Judg
     first = specimens[0]
     missed = {one.data.specimen.name: one.errors.rmse_percent for one in specimens}
     worst = max(missed, key=missed.__getitem__)
-    said = f"the model of all misses {worst} by {missed[worst]:.3g} % of its largest force"
+    said = f"their common model misses {worst} by {missed[worst]:.3g} % of that specimen's largest force"
     found = [] if first.converged else [one for one in remarks(first) if one.level == 2]
     if not missed[worst] <= 15.0:
-        remedy = "its map is wrong or from another make: check it with famjax fit, and leave it out"
-        found.append(Remark(2, f"The specimens are no series: {said}; {remedy}."))
+        remedy = (
+            "that map is wrong or from another make: check it with famjax fit, and leave it out"
+        )
+        found.append(Remark(2, f"The specimens are not a series: {said}; {remedy}."))
     elif missed[worst] > POOR:
         most = int(left_out.group_rmse.argmax())
-        other = f"; predicted from the others, {specimens[most].data.specimen.name} is missed by "
+        other = (
+            f"; when predicted from the others, {specimens[most].data.specimen.name} is missed by "
+        )
         error = Quantity(float(left_out.group_rmse[most]), "force", 3)
-        included = ". A new muscle differs as much; the band of its prediction includes this."
+        included = ". A new muscle may differ as much; its prediction band includes this."
         found.append(Remark(1, Sentence(f"The specimens differ: {said}{other}", error, included)))
     return _judgement([*found, *of_parameters(first)], specimens)

@@ -1,8 +1,8 @@
-"""From photographs of a muscle to its shape D(z), each figure with its error.
+"""Measure the shape D(z) of a muscle in photographs, each value with its error.
 
-Pictures: u to the right, v downwards, in px, pixel centres at the integers. World: metres, the
-camera at the origin, X to the right, Y downwards, Z away from the camera. `z` runs along the
-muscle from the upper tape's edge; the length L is that between the inner edges of the two tapes.
+Picture coordinates [px]: u to the right, v downwards, pixel centres at integers. World coordinates [m]:
+camera at the origin, X to the right, Y downwards, Z away from the camera. `z` runs along the muscle
+from the edge of the upper tape; the length L is measured between the inner edges of the two tapes.
 Start with `measure` (one picture) or `process` (many).
 """
 

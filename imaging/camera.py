@@ -66,7 +66,7 @@ class Camera:
         return self.px_per_m * self.distance
 
     def rays(self, u: ArrayLike, v: ArrayLike) -> tuple[Array, Array]:
-        """Return the rays (X/Z, Y/Z) [-] of picture positions u, v [px], broadcast shape."""
+        """Return the rays (X/Z, Y/Z) [-] through picture positions u, v [px], broadcast shape."""
         x = (np.asarray(u, float) - self.centre[0]) / self.focal_px
         y = (np.asarray(v, float) - self.centre[1]) / self.focal_px
         if self.k1 == 0:
@@ -127,8 +127,8 @@ class Scale:
 
     Attributes:
         px_per_m: scale [px/m], > 0.
-        stderr: standard error of the scale [px/m], >= 0. It includes the ruler's distance from the
-            muscle's plane only if `placement_stderr` was stated, because the picture does not show it.
+        stderr: standard error of the scale [px/m], >= 0. It includes the error of the ruler's distance from
+            the muscle's plane, which the picture does not show, only if `placement_stderr` was stated.
         tilt_deg: tilt of the ruler in depth [deg].
         residual_px: RMS deviation of the marks from the fit [px].
         marks: number of marks used.
@@ -156,13 +156,13 @@ class Scale:
     def __post_init__(self) -> None:
         if not (0 < self.px_per_m < np.inf and 0 <= self.stderr < np.inf):
             raise ImagingError(
-                "a scale must be finite and > 0, its standard error finite and >= 0; got "
+                "a scale must be finite and > 0, and its standard error finite and >= 0; got "
                 f"{self.px_per_m} +- {self.stderr} px/m"
             )
 
     @classmethod
     def manual(cls, px_per_m: float, stderr: float = 0.0) -> "Scale":
-        """Return a scale that is known from elsewhere."""
+        """Return a scale that is known from another source."""
         return cls(float(px_per_m), float(stderr))
 
     @property
@@ -178,16 +178,16 @@ _DARKEST = -0.5
 
 @dataclasses.dataclass(frozen=True)
 class Tone:
-    """Linear light for each 8-bit value, assumed equal in all three colours.
+    """Linear light for each 8-bit value, assumed the same for all three colours.
 
     Edges are located in linear light, because in encoded values they move with the brightness of the
-    lamps. A wrong tone curve changes each edge by up to 0.8 px: set the camera to a neutral picture style.
+    lamps. A wrong tone curve shifts each edge by up to 0.8 px: set the camera to a neutral picture style.
 
     Attributes:
-        table: linear light of the values 0 to 255, non-decreasing, 1 at 255, shape (256,).
+        table: linear light for the values 0 to 255, non-decreasing, 1 at 255, shape (256,).
 
     Raises:
-        ImagingError: the shape is wrong, a value is not finite, or the curve falls or is flat.
+        ImagingError: the shape is wrong, a value is not finite, or the curve decreases or is constant.
     """
 
     table: Array
@@ -196,7 +196,9 @@ class Tone:
         table = np.array(self.table, np.float64)
         sound = table.shape == (256,) and np.isfinite(table).all()
         if not sound or np.diff(table).min() < 0 or not table[-1] > table[0]:
-            raise ImagingError("a tone curve must have 256 finite values that rise and never fall")
+            raise ImagingError(
+                "a tone curve must have 256 finite values that increase and never decrease"
+            )
         table = table / table[-1]
         table.setflags(write=False)
         object.__setattr__(self, "table", table)
@@ -208,7 +210,7 @@ class Tone:
         return hash(self.table.tobytes())
 
     def light(self, encoded: Array) -> Array:
-        """Return the linear light of encoded values 0 to 255, of any shape; fractions are allowed."""
+        """Return the linear light for encoded values 0 to 255 of any shape; fractions are allowed."""
         return np.interp(encoded, np.arange(256), self.table)
 
     @classmethod
@@ -238,7 +240,7 @@ def amount_of_luma(tone: Tone, background: Array, muscle: Array) -> Single:
         muscle: linear light a of the muscle, shape (3,).
 
     Returns:
-        q for the values 0 to 255, 0 on the background, at most 1.6, shape (256,).
+        q for the values 0 to 255: 0 on the background, at most 1.6; shape (256,).
     """
     values, falls, least, most = np.arange(256.0), background - muscle, -np.inf, _BRIGHTEST
     if float(falls @ LUMA) > 0:
@@ -265,7 +267,7 @@ class Silhouette:
     """A body of revolution with a given outline.
 
     Attributes:
-        y: position along the axis [m], shape (n,), increasing downwards. Zero is the point of the axis
+        y: position along the axis [m], shape (n,), increasing downwards. Zero is the point on the axis
             closest to the optical axis.
         radius: radius R at y [m], shape (n,).
         x0: distance of the axis from the optical axis, positive to the right [m].
@@ -279,7 +281,7 @@ class Silhouette:
     roll: float
 
     def radius_at(self, y: ArrayLike) -> Array:
-        """Return R [m] at y [m]: a cubic spline inside, a parabola through the last rows beyond an end."""
+        """Return R [m] at y [m]: by a cubic spline, extrapolated beyond either end by a parabola."""
         y = np.asarray(y, float)
         radius = CubicSpline(self.y, self.radius)(y)
         for rows, beyond in (
@@ -295,9 +297,9 @@ class Silhouette:
 def profile_from_silhouette(
     camera: Camera, rows: ArrayLike, left: ArrayLike, right: ArrayLike
 ) -> Silhouette:
-    """Return the body of revolution with this outline, exactly inverted for perspective, roll and lens.
+    """Return the body of revolution with this outline, by exact inversion of perspective, roll and lens.
 
-    beta is the angle of a ray to the direction alpha of the axis, and psi = asin((R - R' y) / rho):
+    beta is the angle between a ray and the direction alpha of the axis, and psi = asin((R - R' y) / rho):
     R = rho sin(beta) / cos(psi - beta), y = b (d - R sin(psi +- alpha)), b = Y/Z of the rotated ray.
     Both sides are solved separately and interpolated to common positions y, so that the roll causes no
     bias. alpha and the roll are chosen so that the two sides agree.
@@ -309,7 +311,7 @@ def profile_from_silhouette(
         right: columns u of the right side [px], greater than `left`, shape (n,).
 
     Returns:
-        The body at the positions visible on both sides; with a roll, slightly fewer than n points.
+        The body at the positions visible on both sides; if the axis is rolled, slightly fewer than n.
 
     Raises:
         NoMuscle: no body of revolution has this outline.
@@ -343,7 +345,7 @@ def profile_from_silhouette(
 
 
 def _rises(values: Array) -> Array:
-    """Return the rise per row by quartic Savitzky-Golay filters, shape (2, n)."""
+    """Return the rise per row, from quartic Savitzky-Golay filters, shape (2, n)."""
     # `scipy.signal.savgol_filter` does the same, but takes half a second to import.
     points = min(_SLOPE_WINDOW, values.shape[1] - 1 + values.shape[1] % 2)
     rates, half = _rates(points), points // 2

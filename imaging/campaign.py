@@ -1,4 +1,4 @@
-"""Measure many photographs into one table: processes, resuming, CSV and NetCDF."""
+"""Measure many photographs into one table, with worker processes, resuming, CSV and NetCDF."""
 
 import dataclasses
 import functools
@@ -29,11 +29,11 @@ if TYPE_CHECKING:
     import xarray
 
 PARTS = "parts"
-"""Subfolder of the finished rows."""
+"""Subfolder for the finished rows."""
 POSITION = np.linspace(0, 1, 201)
 """Positions z/L of the profiles of all pictures, from the upper tape edge to the lower one."""
 SCALE_STDERR = "scale_relative_stderr"
-"""Entry of the provenance: relative standard error of px/m, common to all lengths and diameters."""
+"""Provenance entry: relative standard error of px/m, common to all lengths and diameters."""
 
 _FEW = 4  # a second process does not save time for so few pictures
 _FIRST = (
@@ -45,7 +45,7 @@ _PROFILES = "diameter", "diameter_stderr", "braid_angle", "braid_angle_stderr"
 _LENGTHS = "length", "mean_diameter", "max_diameter", "x0", "distance", "bow", "displacement"
 _KINDS = dict.fromkeys(_LENGTHS, "length") | {"time": "time", "log_time": "time"}
 _KINDS |= {kind: kind for kind in ("volume", "force", "pressure")}
-"""Kind of unit of a column; all other names include their unit."""
+"""Kind of unit for each column; all other names include their unit."""
 _BLANK: dict[str, Any] = {
     "error": "", "warnings": "", "braid_refusal": "", "numbers": {}, "seconds": math.nan,
     "resolution": math.nan, **dict.fromkeys(_PROFILES, (math.nan,) * POSITION.size),
@@ -69,7 +69,7 @@ def column_unit(name: str, system: str) -> tuple[str, str, float]:
 
 
 def measured_row(path: str, recipe: Recipe) -> dict[str, Any]:
-    """Measure a picture; return its row, also if it could not be measured.
+    """Measure a picture and return its row, even if it could not be measured.
 
     Args:
         path: path of the picture.
@@ -78,7 +78,7 @@ def measured_row(path: str, recipe: Recipe) -> dict[str, Any]:
     Returns:
         A row for JSON, without entries that do not apply. `error` is "ClassName: message", and `numbers`
         are the columns in SI. `diameter`, `diameter_stderr` [m], `braid_angle` and `braid_angle_stderr`
-        [deg] are profiles at `POSITION`. `seconds` since 1970 and `resolution` [s] are the time stamp.
+        [deg] are profiles at `POSITION`. `seconds` since 1970 and `resolution` [s] give the time stamp.
         `warnings` and `braid_refusal` are sentences.
     """
     import cv2  # noqa: PLC0415 -- 0.1 s, and only workers need it
@@ -156,7 +156,7 @@ class Table:
             as next to the tapes, or not requested.
         braid_angle_stderr: standard error of the braid angle, shape (n, 201) [deg].
         rest_length: rest length for the contraction [m]; nan if no picture was measured.
-        time_origin: time by the camera's clock at which `time` is zero [s since 1970]; nan without stamps.
+        time_origin: time on the camera's clock at which `time` is zero [s since 1970]; nan without stamps.
         stamp_resolution: largest step of the time stamps [s]; nan without stamps.
         notes: notes for the reader.
         provenance: version, recipe, sources and their hashes.
@@ -192,13 +192,13 @@ class Table:
         cls, rows: Sequence[Mapping[str, Any]], *, scale_relative_stderr: float = 0.0,
         rest_length: float | None = None, provenance: Mapping[str, str] | None = None,
     ) -> "Table":  # fmt: skip
-        """Return the table of pictures, in order.
+        """Build the table from the rows of the pictures, in order.
 
         Args:
             rows: rows of the pictures, see `measured_row`; only `path` is required.
             scale_relative_stderr: relative standard error of px/m. It is common to all lengths and cancels
                 in the contraction if the rest length is one of them.
-            rest_length: L0 [m]; None for the longest measured picture.
+            rest_length: L0 [m]; None for the longest measured length.
             provenance: see `Table`.
         """
         rows = [{**_BLANK, **row} for row in rows]
@@ -287,12 +287,12 @@ def _contract(
 ) -> tuple[float, str]:  # fmt: skip
     """Set contraction and its error; return the rest length and a note on its source."""
     length, stderr = columns["length"], columns["length_stderr"]
-    rest, source, relative = rest_length or math.nan, "as given, taken as exact", stderr / length
+    rest, source, relative = rest_length or math.nan, "stated and taken as exact", stderr / length
     if rest_length is None and np.isnan(length).all():
-        source = "because no picture was measured"
+        source = "which is undefined because no picture was measured"
     elif rest_length is None:
         k = int(np.nanargmax(length))
-        rest, source = float(length[k]), f"that of the longest measured picture, {rows[k]['path']}"
+        rest, source = float(length[k]), f"the longest measured length, in {rows[k]['path']}"
         noise = np.sqrt(np.maximum(relative**2 - scale_relative_stderr**2, 0))
         relative = np.hypot(noise, noise[k])
         relative[k] = 0.0
@@ -311,7 +311,7 @@ def _notes(rows: Sequence[Mapping[str, Any]], resolution: float) -> Iterator[str
     for key, text in (("warnings", "have warnings"), ("braid_refusal", "show no braid angle")):
         if told := [row for row in rows if row[key]]:
             first = told[0]
-            yield f"{len(told)} of {len(rows)} pictures {text}, first {first['path']}: {first[key]}."
+            yield f"{len(told)} of {len(rows)} pictures {text}; the first is {first['path']}: {first[key]}."
 
 
 def process(
@@ -319,19 +319,19 @@ def process(
     executor: Any = "auto", progress: Callable[[int, int], None] | None = None, *,
     rest_length: float | None = None, provenance: Mapping[str, str] | None = None,
 ) -> Table:  # fmt: skip
-    """Measure the shape in each picture; a picture that cannot be measured gives a row with the reason.
+    """Measure the shape in each picture; if that is not possible, the picture's row gives the reason.
 
     Each finished row is saved in `output/parts`. A campaign that was stopped or killed resumes with the
-    remaining pictures if pictures and recipe are the same.
+    remaining pictures if the pictures and the recipe are unchanged.
 
     Args:
         paths: paths of the pictures, all of one size; duplicates are measured once.
         recipe: measurement settings, the same for all pictures.
         output: folder for the finished rows, created if missing; None keeps them in memory.
         executor: number of processes, None for this process, or an executor, see `run_tasks`; its workers
-            must see the files. "auto" uses one process per core, and this process for few pictures.
+            need access to the files. "auto" uses one process per core, and this process for few pictures.
         progress: called with (pictures done, pictures).
-        rest_length: L0 [m] for the contraction; None for the longest measured picture.
+        rest_length: L0 [m] for the contraction; None for the longest measured length.
         provenance: further entries of the table's provenance.
 
     Returns:
@@ -383,6 +383,6 @@ def common_size(paths: Sequence[str]) -> tuple[int, int] | None:
     if others:
         raise MixedSizes(
             "the pictures of a campaign must have the same size, because they share one scale; "
-            f"{most} have {usual[0]} x {usual[1]} px, but not {some_of(others)}. Measure those separately"
+            f"{most} have {usual[0]} x {usual[1]} px, unlike {some_of(others)}. Measure those separately"
         )
     return usual

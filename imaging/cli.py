@@ -47,26 +47,26 @@ class RecipeOptions:
     Parameters
     ----------
     ruler
-        Photograph of a ruler in the plane of the muscle's axis, from the same camera.
+        Photograph of a ruler in the plane of the muscle's axis, taken with the same camera.
     distance
         Distance from camera to muscle, with its unit. If omitted, it is estimated, with its error, from
         the curvature of the tape edges.
     pitch
         Spacing of the ruler's marks. If omitted, it is inferred from the number of marks between numerals.
     ruler_placement
-        Standard error of the ruler's distance from the plane of the muscle's axis, `0.01in`. Pictures
-        cannot show it; it contributes to the error of every result.
+        Standard error of the ruler's distance from the plane of the muscle's axis, `0.01in`. A picture
+        does not show this distance; its error contributes to the error in every result.
     crop_offset
-        Column and row of the cropped pictures' first pixel in the camera's frame, `1459,531`.
+        Position of the cropped pictures' first pixel in the camera frame, column and row: `1459,531`.
     frame_size
         Width and height of the uncropped camera frame, `5568,3712`.
     scale
-        Scale in the plane of the muscle's axis, in place of a ruler: `"226.63+-0.02 px/in"`.
+        Scale in the plane of the muscle's axis, instead of a ruler: `"226.63+-0.02 px/in"`.
     k1
-        Radial distortion of the lens. If omitted, it is estimated from the ruler's marks.
+        Radial distortion coefficient of the lens. If omitted, it is estimated from the ruler's marks.
     tone
         Use srgb if the camera's picture style is neutral, with contrast and sharpening off. If omitted,
-        the errors allow for other styles.
+        the errors allow for other picture styles.
     tape_diameter
         Known diameter of the tapes on the fittings, used to check the scale.
     braid_angle
@@ -123,29 +123,29 @@ def measure(
         Measurement settings.
     log
         Test-machine log, a CSV file with columns such as `time_s,displacement_in,force_lbf,
-        pressure_psi`. Adds force and pressure to each picture; the motion aligns the two clocks.
+        pressure_psi`. Adds force and pressure to each picture; the motion is used to align the two clocks.
     log_offset
-        Time by which the machine's clock leads the first picture, `12s`, to within 10 s. Required if the
-        motion is periodic.
+        Time on the machine's clock when the first picture was taken, `12s`, accurate to within 10 s.
+        Required if the motion is periodic.
     column
-        Assign a column of the log whose name is ambiguous, by name or number, with its unit:
+        Identify a log column whose name is ambiguous, by name or number, with its unit:
         `force="Kraft [N]"`. Repeatable; `pressure=-` ignores a column. Also accepts `decimal=,` and, for
         absolute pressures, `atmosphere=101.3kPa`.
     rest_length
-        Rest length from which contraction is computed, `9.28in`. If omitted, the longest measured picture
-        defines it. Also used to check the scale.
+        Rest length from which contraction is computed, `9.28in`. If omitted, the longest measured length
+        is used. Also used to check the scale.
     diameter
         Nominal diameter of the braid at rest, `0.875in`, used to check the scale.
     jobs
         Number of processes. If omitted, one per core where that saves time.
     units
-        Units of CSV, plots and output: us (in, lbf, psi), metric (mm, N, kPa) or si.
+        Units of the CSV file, plots and output: us (in, lbf, psi), metric (mm, N, kPa) or si.
     output
         Output folder, created if missing.
     overlays
-        Number of pictures to save with the detected edges drawn in, for visual inspection.
+        Number of pictures to save with the detected edges drawn on them, for visual inspection.
     rescaled
-        Accept a ruler picture whose size differs from the other pictures, and use its scale unchanged.
+        Accept a ruler picture that differs in size from the other pictures, and use its scale unchanged.
     json_
         Print a single JSON object to standard output.
     read_log
@@ -213,7 +213,7 @@ def _print(document: dict[str, Any]) -> None:
 
 
 def command_recipe(options: RecipeOptions) -> tuple["Recipe", dict[str, str]]:
-    """Build the recipe from command-line options, and the provenance entries of the table.
+    """Build the recipe and the table's provenance entries from command-line options.
 
     Args:
         options: settings. Lengths include their unit; a `scale` is `226.63 px/in` or `226.63+-0.02 px/in`.
@@ -243,6 +243,6 @@ def _pair(text: str, name: str, kind: Callable[[str], float]) -> tuple[float, fl
         u, v = map(kind, text.split(","))
     except ValueError:
         raise ImagingError(
-            f"the {name.replace('_', ' ')} must be two numbers in px such as 1459,531, got {text!r}"
+            f"the {name.replace('_', ' ')} must be two numbers in px, such as 1459,531; got {text!r}"
         ) from None
     return u, v

@@ -1,4 +1,4 @@
-"""Model of the brightness across the blurred edge of a lit body, and position of the edge."""
+"""Model the brightness across the blurred edge of a lit body, and locate the edge."""
 
 import dataclasses
 import functools
@@ -29,9 +29,9 @@ def step(t: ArrayLike, blur: ArrayLike) -> Array:
 
 
 def defocused_step(t: ArrayLike, blur: ArrayLike, disk: ArrayLike) -> Array:
-    """Return a step at t = 0 with the blur of a defocused lens and Gaussian blur, 0 outside, 1 inside.
+    """Return a step at t = 0 blurred by a defocused lens and a Gaussian, 0 outside and 1 inside.
 
-    Across an edge, a disk of radius r weighs the light with a semicircle of variance r^2 / 4. The mean of
+    Across an edge, a disk of radius r weights the light with a semicircle of variance r^2 / 4. The mean of
     Phi((t - r x) / g) is computed by Gauss-Chebyshev quadrature with six nodes.
 
     Args:
@@ -46,10 +46,10 @@ def defocused_step(t: ArrayLike, blur: ArrayLike, disk: ArrayLike) -> Array:
 
 
 def ramp(t: ArrayLike, blur: ArrayLike, radius: float) -> Array:
-    """Return the blurred root sqrt(t - t^2 / (2 R)), the brightness of a lit cylinder inside its limb.
+    """Return the blurred root sqrt(t - t^2 / (2 R)), the brightness inside the limb of a lit cylinder.
 
-    At a distance t from the limb of a cylinder of radius R, the cosine between normal and line of sight is
-    sqrt(2 t / R - t^2 / R^2). The second term is included to first order.
+    At a distance t from the limb of a cylinder of radius R, the cosine of the angle between normal and line
+    of sight is sqrt(2 t / R - t^2 / R^2). The second term is included to first order.
 
     Args:
         t: distance inward from the edge [px].
@@ -85,7 +85,7 @@ def _blurred_roots() -> tuple[Array, Array, Array]:
 _DIFFERENCE = 1e-7  # step for derivatives, for unknowns of order 1
 
 Edge = Callable[[Array], Array]
-"""Brightness of an edge against the distance inward t [px], elementwise, in any unit."""
+"""Brightness of an edge as a function of the distance inward t [px], elementwise, in any unit."""
 
 
 def best_shift(
@@ -117,7 +117,7 @@ def best_shift(
 
 
 def parabola_peak(energy: NDArray[np.floating]) -> Array:
-    """Return the fractional index of each row's maximum, by a parabola through its neighbours.
+    """Return the fractional index of each row's maximum, from a parabola through its neighbours.
 
     Args:
         energy: shape (m, k), k >= 3.
@@ -196,11 +196,11 @@ class EdgeProfile:
     Attributes:
         blur: s, standard deviation of the blur across the edge, common to both sides [px].
         disk: fraction of the blur's variance due to the disk of a defocused lens; the rest is Gaussian.
-        shifts: shift of the edge of each side relative to the windows, inward [px], corrected by the light
+        shifts: shift of the edge of each side relative to the windows, inward [px], corrected for the light
             of the first thread.
         misfit: RMS difference between profiles and model, relative to the step.
         flank: excess brightness of the profiles over the model 2 to 5 blurs inside, relative to the step;
-            the larger of both sides.
+            the larger of the two sides.
         rim: brightness 1.5 to 3.5 blurs inside the edge divided by that at 4 to 8, mean of both sides. The
             limb of a matte body is never brighter than the area inside it.
         waves: relative deviation of the light 1.5 to 8 blurs inside from that of a smooth limb, RMS of
@@ -220,9 +220,9 @@ def edge_profile(
     profiles: list[Array], t: Array, blur: float, radius: float, kappas: tuple[float, ...], disk:
     float | None = None,
 ) -> EdgeProfile:  # fmt: skip
-    """Fit blur and position of the edges to the mean profiles of both sides.
+    """Fit the blur and positions of the edges to the mean profiles of both sides.
 
-    The position is determined from the outer flank only, so that the shade of the first thread has little
+    The positions are determined from the outer flanks only, so the shade of the first thread has little
     influence.
 
     Args:
@@ -272,7 +272,7 @@ def limb(
 ) -> Array:
     """Return the brightness across a limb, a blurred step plus kappa times the blurred root, elementwise.
 
-    The root is smooth, so that the shape of the blur has no effect on it.
+    The root is smooth, so the shape of the blur has no effect on it.
     """
     edge = defocused_step(t, s, disk) if np.any(disk) else step(t, s)
     return edge + kappa * ramp(t, s, radius) if np.any(kappa) else edge
@@ -283,8 +283,8 @@ def _inside(
 ) -> tuple[float, float, float, float]:
     """Return flank, wave and rim of one side, and the rim of a smooth limb, see `EdgeProfile`.
 
-    A smeared edge continues to rise inside the samples that were fitted, and the flank measures this. Each
-    value is 0 if there are no samples.
+    A smeared edge continues to rise further inside than the fitted samples, and the flank measures this.
+    Each value is 0 if there are no samples.
     """
     near, model = near_edge(t, s), limb(t, s, kappa, radius)
     height = float(height_and_rest(profile[near], model[near])[0][0])
@@ -310,10 +310,10 @@ def _rim(profile: Array, t: Array, s: float) -> float:
 
 
 def _first_thread(own: float, law: float, s: float) -> float:
-    """Return the distance of the true edge outside the fitted one, from the light of the first thread [px].
+    """Return how far the true edge lies outside the fitted one, from the light of the first thread [px].
 
-    Threads make the light a wave of the azimuth, with the same phase along a straight edge and about one
-    period in the first 8 blurs. If the light 1.5 to 3.5 blurs inside exceeds that of a smooth limb, the
+    Threads make the light vary periodically with azimuth, in phase along a straight edge and with about
+    one period in the first 8 blurs. If the light 1.5 to 3.5 blurs inside exceeds that of a smooth limb, the
     edge itself is darker, and the fit confuses the flank of the thread with that of the edge. For a wave
     that fades at grazing incidence, averaged over phases, the edge lies 0.2 to 0.6 px further out per unit
     of relative excess, at blurs of 0.8 to 1.3 px. Rendered braids have 0.45 px per px of blur. A blur
@@ -340,7 +340,7 @@ def shine_of(rim: float, flank: float) -> float:
 
 
 def moved_by_limb(kappa: float, s: float, radius: float) -> float:
-    """Return the distance of an edge with this kappa outside the best fitting plain step [px].
+    """Return how far an edge with this kappa lies outside the best-fitting plain step [px].
 
     Args:
         kappa: strength of the limb's root relative to its step [px^-0.5].
@@ -362,14 +362,14 @@ def near_edge(t: Array, s: float) -> Flags:
 
 
 def limb_strength(light: Array, t: Array, s: float, radius: float) -> float:
-    """Return kappa of s0 [1 + kappa sqrt(t - t^2 / (2 R))] inside the edge's blur.
+    """Return kappa in s0 [1 + kappa sqrt(t - t^2 / (2 R))], the light inside the edge's blur.
 
     The root is the law of a smooth body, and of a woven body averaged over its threads. It is fitted from
     3 blurs inside the edge to the last sample.
 
     Args:
         light: mean brightness along the normal, shape (n,). The windows must not be divided by their own
-            brightness first, because such means rise inward for any random factor.
+            brightness first, because their mean would then rise inward for any random factor.
         t: distance of the samples inward from the edge [px], shape (n,).
         s: blur [px].
         radius: radius of the body [px].

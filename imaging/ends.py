@@ -1,4 +1,4 @@
-"""The tapes at the ends: their inner edges, and the position of the axis in depth."""
+"""Tapes at the muscle's ends: their inner edges, and the position of the axis in depth."""
 
 import math
 from typing import NamedTuple
@@ -54,10 +54,10 @@ class Ring(NamedTuple):
         stderr: random standard error of y [m].
         spread: standard deviation of the edge along the tape [px].
         blur: Gaussian blur of the edge along the axis [px]. If the edge is softer than the outline, the
-            blur that colour adds to that of luma is subtracted.
+            extra blur of colour over luma is subtracted.
         arc: points u, v of the edge in the picture [px], shape (2, n).
         lateral: positions across the axis relative to the radius [-], -1 to 1, shape (k,).
-        shift: position of the edge along the axis relative to y there [m], shape (k,).
+        shift: position of the edge along the axis relative to y, at `lateral` [m], shape (k,).
     """
 
     y: float
@@ -73,9 +73,9 @@ def on_cylinder(
     camera: Camera, body: Silhouette, y: Array, lateral: Array, radius: float,
     plane: tuple[float, float] = (0.0, 0.0),
 ) -> tuple[Array, Array]:  # fmt: skip
-    """Return picture positions of a cylinder around the axis [px], shape (lateral, y).
+    """Return picture positions of points on a cylinder around the axis [px], shape (lateral, y).
 
-    If the plane of the edge is not perpendicular to the axis, y is the position of its middle.
+    If the plane of the edge is not perpendicular to the axis, y is the position of the edge's middle.
     """
     rim = np.maximum(radius**2 - lateral**2, 0.0)  # rounding can make it negative at the rim
     down = y + (_plane_model(lateral, radius)[:, 1:] @ plane)[:, None]
@@ -84,7 +84,7 @@ def on_cylinder(
 
 
 class _Front:
-    """The picture around a tape's edge, unrolled about the body's axis, as amounts of braid.
+    """The picture around a tape's edge, unrolled about the body's axis and expressed as amounts of braid.
 
     Args:
         photo: picture.
@@ -131,18 +131,18 @@ class _Front:
         self.spline = spline_filter(np.clip(amounts, -_BRIGHTEST, most), 3, mode="mirror")
 
     def around(self, y: float, t: Array) -> tuple[Array, Array, Array]:
-        """Return lateral positions [m], and u and v at distances t inward of an edge [px]."""
+        """Return lateral positions [m], and u and v at distances t inward from an edge [px]."""
         radius = float(self.body.radius_at(y))
         lateral = np.linspace(-_WIDTH, _WIDTH, self.n) * radius
         at = y + t * self.step
         return lateral, *on_cylinder(self.photo.camera, self.body, at, lateral, radius, self.plane)
 
     def tape_at(self, y: float, t: Array) -> Flags:
-        """Return where the tape's colour is visible at distances t inward of the edge [px], shape (n,).
+        """Return True where the tape's colour is visible t inward from the edge [px], shape (n,).
 
         Chromaticity c = (R, G, B) / (R + G + B) in linear light is independent of shading. A point is tape
-        if its chromaticity differs from the tape's by less than 0.4 of the difference to the braid's.
-        Otherwise something covers the tape, or it is glossy. A tape with the braid's chromaticity cannot
+        if its chromaticity differs from the tape's by less than 0.4 of the difference from tape to braid.
+        Otherwise something covers the tape or it is glossy. A tape with the braid's chromaticity cannot
         be distinguished from an object that covers it.
         """
         rgb, (_, u, v) = self.photo.rgb, self.around(y, t)
@@ -161,7 +161,7 @@ class _Front:
         return off < max(_ANOTHER * float(np.linalg.norm(braid - tape)), _NOISE)
 
     def uncovered(self, y: float, s: float) -> Flags:
-        """Return where the tape is visible behind the edge."""
+        """Return True where the tape is visible behind the edge."""
         return self.tape_at(y, -np.arange(_ROWS, dtype=float) - max(_BEYOND[0], _BEYOND[1] * s))
 
     def unrolled(self, y: float, t: Array, shows: Flags) -> tuple[Array, Array, float]:
@@ -186,15 +186,16 @@ def find_ring(
 
     The picture is sampled at the points (x0 + X, y + h, d - sqrt(R^2 - X^2)) of the cylinder, so that a
     ring becomes a straight line, even if the tape is slanted or leans towards the camera. The light
-    sampled is zero on the tape and its dark rim. Groups of neighbouring X are averaged, and each gives the
-    position of a blurred step. Their mean is the position of the ring, and their scatter its error.
+    sampled is zero on the tape and its dark rim. Groups of neighbouring X are averaged, and a blurred step
+    is fitted to each average. The mean of the steps' positions is the position of the ring, and their
+    scatter gives its error.
 
     Args:
         photo: picture.
         tone: tone curve of the camera.
         coarse: approximate tapes, and colours.
         body: body that gives the radius of the ring.
-        blur: blur of the outline [px], the initial value for that of the edge.
+        blur: blur of the outline [px], used as the initial value for the blur of the edge.
         lower: True for the tape at the lower end.
 
     Raises:
@@ -220,7 +221,7 @@ def find_ring(
                 _check_seen(seen)
                 raise MissingFitting(
                     "a tape must end in a visible edge at the braid: if the braid is glossy or darker than "
-                    "its tapes, apply chalk and light it from all sides",
+                    "the tapes, dust it with chalk and light it from all sides",
                     step_height=height,
                 )
             t = _window(s)
@@ -289,11 +290,11 @@ def _along(grid: Array, lateral: Array, t: Array, s: float, slope: float) -> tup
 
 
 def plane_through(lateral: Array, shift: Array, radius: float) -> tuple[list[float], list[float]]:
-    """Fit a plane to an edge: position, slope and lean, and their standard errors.
+    """Fit a plane to an edge; return position, slope and lean, and their standard errors.
 
     Args:
         lateral: positions across the axis, shape (n,).
-        shift: position of the edge along the axis there, shape (n,).
+        shift: position of the edge along the axis at these positions, shape (n,).
         radius: radius of the cylinder, in the same unit.
     """
     model = _plane_model(lateral, radius)
@@ -327,23 +328,23 @@ def _check_seen(seen: float) -> None:
     if seen < _LEAST_SEEN:
         raise MissingFitting(
             f"at least {_LEAST_SEEN:.0%} of a tape's edge must be visible: remove anything that covers "
-            "it, and reflections on tape or braid",
+            "it, and avoid reflections on the tape or braid",
             seen=seen,
         )
 
 
 def _inside(s: float) -> float:
-    """Return the distance inward of an edge up to which its light is used [px]."""
+    """Return the distance inward from an edge up to which light is used [px]."""
     return max(_BEHIND, 6 * s)
 
 
 def _relief(x: Array, inside: float) -> Array:
-    """Return the rise of light inward of a tape, where threads emerge from its shade [px]."""
+    """Return the rise of light inward from a tape, where threads emerge from its shade [px]."""
     return np.clip(x, 0, inside - 1)
 
 
 def _step(profile: Array, t: Array, start: float) -> tuple[float, float, float, float]:
-    """Fit a blurred step, with a rise behind it: shift, blur, height and slope."""
+    """Fit a blurred step with a rise behind it; return shift, blur, height and slope."""
     inside = _inside(start)
 
     def blur_of(unknown: Array) -> float:
@@ -380,11 +381,11 @@ def check_tape_diameter(
     """Check the scale against the known diameter of the tapes.
 
     A tape is a cylinder about the muscle's axis: R = rho sin(beta), where beta is half the angle between
-    its two tangent planes, by the limb model.
+    its two tangent planes, found with the limb model.
 
     Raises:
         ScaleContradiction: the mean diameter differs from the known one by more than 0.5 %, or a tape
-            shows too few rows.
+            spans too few rows.
     """
     camera, tone = photo.camera, recipe.tone_curve
     # A blue tape is dark in luma: use the colour in which the tape is brightest.
@@ -399,8 +400,8 @@ def check_tape_diameter(
         rows = np.arange(int(first) + _GUARD, int(last) - _GUARD)
         if rows.size < _FEWEST_ROWS:
             raise ScaleContradiction(
-                f"a tape must show at least {_FEWEST_ROWS} rows to check the scale: use a wider "
-                "tape, or omit the tape diameter",
+                f"a tape must span at least {_FEWEST_ROWS} pixel rows to check the scale: use a "
+                "wider tape, or omit the tape diameter",
                 rows=rows.size,
             )
         y = (rows - camera.centre[1]) / camera.px_per_m
@@ -416,8 +417,8 @@ def check_tape_diameter(
     if abs(mean / known - 1) > _CONTRADICTS:
         raise ScaleContradiction(
             "the measured tape diameter must equal the known one; their ratio is "
-            f"{mean / known:.4f}: check that the ruler was in the plane of the muscle's axis, and the "
-            "stated distance",
+            f"{mean / known:.4f}: check that the ruler was in the plane of the muscle's axis, and that "
+            "the stated distance is correct",
             diameter=mean, known_diameter=known, px_per_m=camera.px_per_m,
             limit=_CONTRADICTS,
         )  # fmt: skip
@@ -438,7 +439,7 @@ _WAVE = 2 / math.pi  # mean of half a sine wave
 
 
 class Depth(NamedTuple):
-    """The axis in depth, from the arcs of both tapes' edges.
+    """Position of the axis in depth, from the arcs of both tapes' edges.
 
     For a camera at d and a picture unrolled for a camera at d0, the front of a tape's edge is lower than
     its middle by p_i = tilt + y_i (1/d - 1/d0), relative to the radius.
@@ -465,17 +466,17 @@ class Depth(NamedTuple):
 
 
 class Axis(NamedTuple):
-    """Effect of the axis on length and diameter.
+    """Effect of the axis's tilt, distance and bow on length and diameter.
 
     Attributes:
         distance: distance of the camera [m].
-        distance_stderr: standard error of the distance for tapes wound by hand, 0 if stated [m].
+        distance_stderr: standard error of the distance for tapes wound by hand [m]; 0 if stated.
         tilt, tilt_stderr: see `Depth` [rad].
         bow: largest deviation of the mid-line from a straight line [m].
         ends: position of the middles of the upper and lower ring relative to `Ring.y` [m].
-        length_factor: correction factor of the length between the rings' middles.
+        length_factor: correction factor for the length between the rings' middles.
         length_stderr: contribution of the axis to the standard error of the length [m].
-        cosine: cosine of the angle of the axis in the picture in each row, shape (n,).
+        cosine: cosine of the axis's angle in the picture, for each row, shape (n,).
         diameter_stderr: relative contribution of the axis to the standard error of the diameter.
         warnings: warnings for the user.
     """
@@ -498,7 +499,7 @@ def depth_of_axis(body: Silhouette, upper: Ring, lower: Ring) -> Depth:
 
     Unrolled about an upright cylinder at the right distance, a square ring is a straight line. The front
     of a leaning ring is lower by p sqrt(R^2 - X^2) at X across the axis. A tilted axis or a wrong distance
-    have the same effect.
+    has the same effect.
     """
     radii = [float(body.radius_at(ring.y)) for ring in (upper, lower)]
     fits = [
@@ -523,12 +524,13 @@ def axis_of(
 ) -> Axis:
     """Return the effect of tilt, distance and bow on length and diameter.
 
-    A bow in the picture is corrected: the length is measured along the axis. A significant tilt is
-    corrected by half, and the other half is the standard error, because two tapes with the same lean
-    look alike. An insignificant tilt only contributes to the error. The position of a leaning tape is
-    the middle of its ring; its front is lower by p R. If the leans of both tapes are below 3.25 standard
-    errors together, the tapes are taken as square, because a front is located three times more accurately
-    than a middle. Above 2.5, the difference contributes to the error, up to that of tapes wound by hand.
+    A bow in the picture is corrected: the length is measured along the axis. Half the effect of a
+    significant tilt is corrected, and the other half is the standard error, because two tapes with the
+    same lean look alike. An insignificant tilt only contributes to the error. The position of a leaning
+    tape is the middle of its ring; its front is lower by p R. If the combined lean of both tapes is below
+    3.25 standard errors, the tapes are taken as square, because a front is located three times more
+    accurately than a middle. Above 2.5 standard errors, the resulting difference in length contributes to
+    the error, up to the value for tapes wound by hand.
 
     Args:
         camera: camera.
@@ -536,7 +538,7 @@ def axis_of(
         body: body of revolution with this outline.
         upper: edge of the upper tape.
         lower: edge of the lower tape.
-        stated: True if the distance was stated; otherwise it has the error of the tapes.
+        stated: True if the distance was stated; otherwise its error is that of the tapes.
 
     Raises:
         DistanceContradiction: the tapes' arcs contradict the stated distance.
@@ -569,7 +571,8 @@ def axis_of(
         wide = abs(depth.against) * length / math.pi * _WAVE / d
         seen = f"{1 / max(1 / d + depth.nearer, _FARTHEST) / _INCH:.0f} in"
         text = (
-            f"{_ARCS}; they indicate {seen}, but {d / _INCH:.0f} in is stated: correct --distance"
+            f"{_ARCS}; the arcs indicate a camera distance of {seen}, but {d / _INCH:.0f} in is "
+            "stated: correct --distance"
         )
         if abs(depth.against) > _MOST:
             raise DistanceContradiction(f"{text}, or omit it", stated=d, lean=depth.against)
@@ -583,7 +586,8 @@ def axis_of(
         warnings.append(
             f"the axis, or both tapes, lean in depth by {math.degrees(tilt):.1f} "
             f"+- {math.degrees(depth.tilt_stderr):.1f} deg, which changes the length by {abs(turned):.2%}: "
-            "half is corrected and half included in the error; set the axis upright and the tapes square"
+            "half of this is corrected and half is included in the error; set the axis upright and wind "
+            "the tapes square to it"
         )
     else:
         unseen = math.sqrt(max(_UPRIGHT**2, tilt**2 - depth.tilt_stderr**2))
@@ -604,14 +608,14 @@ def axis_of(
 def distance_by_tapes(
     body: Silhouette, upper: Ring, lower: Ring, assumed: float, *, found: bool = False
 ) -> float:
-    """Return the distance of the camera [m] from the tapes' arcs; the assumed one if they agree with it.
+    """Return the camera distance [m] that the tapes' arcs indicate, or the assumed one if they agree.
 
     Args:
-        body: body of revolution as seen from the assumed distance.
+        body: body of revolution, computed for the assumed distance.
         upper: edge of the upper tape.
         lower: edge of the lower tape.
         assumed: distance [m].
-        found: True if the assumed distance already comes from the arcs.
+        found: True if the assumed distance was itself estimated from the arcs.
 
     Raises:
         DistanceContradiction: no camera distance explains the arcs.
@@ -621,7 +625,9 @@ def distance_by_tapes(
         return assumed
     inverse = 1 / assumed + depth.nearer
     if not _NEAREST > inverse > _FARTHEST:
-        raise DistanceContradiction(f"{_ARCS}; or state --distance", lean=depth.against)
+        raise DistanceContradiction(
+            f"{_ARCS}; or state the distance with --distance", lean=depth.against
+        )
     return 1 / inverse
 
 

@@ -1,4 +1,4 @@
-"""Exceptions for photographs, one class per cause."""
+"""Exceptions raised for photographs, one class per cause."""
 
 # ruff: noqa: N818 - the class names state the cause
 
@@ -10,14 +10,14 @@ from famjax.boundary.errors import InputError
 
 
 class ImagingError(InputError):
-    """A picture, ruler or log cannot be measured.
+    """A picture, ruler or log cannot be used.
 
     Instances can be pickled with all their attributes.
 
     Args:
-        message: requirement, value found, and remedy.
-        path: file concerned, if any.
-        figures: values that led to the error, in SI or with the unit in the name.
+        message: what is required, what was found, and what to do.
+        path: file that caused the error, if any.
+        figures: values that led to the error, in SI units or with the unit in the name.
 
     Examples:
         >>> print(NoMuscle("nothing bright stands out from the cloth", path="a.jpg", eta_value=0.2))
@@ -42,7 +42,7 @@ class ImagingError(InputError):
         return rebuild, ()
 
     def at(self, path: str | PathLike[str]) -> Self:
-        """Return a copy with the path of the file, unless a path is already set."""
+        """Return a copy with this file path, unless a path is already set."""
         return type(self)(self.message, path=self.path or path or None, **self.figures)
 
 

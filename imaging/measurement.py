@@ -1,4 +1,4 @@
-"""Measure a muscle's shape D(z) and its errors in one photograph."""
+"""Measure a muscle's shape D(z), with its errors, in one photograph."""
 
 import dataclasses
 import math
@@ -43,10 +43,10 @@ class MeasurementErrors(NamedTuple):
     All components are estimated from the picture itself. The random error of D combines the edge scatter
     that passes the smoothing (at least the scatter of the mid-line, which is smooth for a body of
     revolution) with the detail that the smoothing removes. The systematic error of an edge is the root sum
-    of squares of the larger of the first two terms and the third. Here s is the blur, and kappa and the
-    misfit m are defined in `Quality`; the coefficients were determined from rendered pictures:
+    square of two parts: the larger of the first two terms below, and the third. Here s is the blur, and
+    kappa and the misfit m are defined in `Quality`; the coefficients come from rendered pictures:
 
-    - 0.018 s, with s at least 1: shade of the outermost threads, beyond the correction by the light of the
+    - 0.018 s, with s at least 1: shade of the outermost threads, beyond the correction for the light of the
       first thread (see `EdgeProfile.shifts`);
     - light from one lamp: 0.6 times the mean edge shift due to kappa, because light follows the root law
       only on a limb that the lamp reaches; and 0.8 s times the waves (see `EdgeProfile`) in excess of the
@@ -68,7 +68,7 @@ class MeasurementErrors(NamedTuple):
     contribute to the length, see `axis_of`.
 
     Not included are effects that pictures cannot show: a stated tone curve that is wrong, and threads so
-    coarse that their mirrored pattern passes the smoothing. Below a px_per_m of 4500 (115 px/in), errors in
+    coarse that their mirrored pattern passes the smoothing. Below 4500 px/m (115 px/in), errors in
     D(z) of rendered braids reach twice the standard error; errors in length and mean diameter reach 1.3
     standard errors at 50 to 110 px/in.
 
@@ -215,13 +215,13 @@ def _systematic_part(outline: Outline, *, stated: bool) -> tuple[float, float]:
 
 
 def _of_placement(recipe: Recipe) -> tuple[str, ...]:
-    """Warn if the ruler's placement is not stated."""
+    """Return a warning if the ruler's placement is not stated."""
     part = 0.00254 / recipe.camera_distance
     if recipe.scale.source != "ruler" or recipe.scale.placement_stderr is not None:
         return ()
     return (
         "the ruler is assumed to lie in the plane of the axis; an offset of 0.1 in changes "
-        f"all lengths by {part:.2%}: state its uncertainty, as in --ruler-placement 0.01in",
+        f"all lengths by {part:.2%}: state the uncertainty, as in --ruler-placement 0.01in",
     )
 
 
@@ -231,7 +231,7 @@ _MARGIN = 0.6  # margin relative to the muscle's width
 
 
 def draw_overlay(image: Image, trace: Trace, *, thickness: int = 1) -> Image:
-    """Draw the outline (red), tape edges (yellow) and mid-line (cyan) into a picture.
+    """Draw the outline (red), tape edges (yellow) and mid-line (cyan) on a picture.
 
     The lines mark the detected edges, before correction of perspective and roll, to a sixteenth of a pixel.
 

@@ -1,4 +1,4 @@
-"""Locate the outline of the muscle to a fraction of a pixel, by the limb model with the picture's blur."""
+"""Locate the muscle's outline to a fraction of a pixel, with a limb model that includes the blur."""
 
 import dataclasses
 import functools
@@ -57,10 +57,10 @@ def smooth(position: Array, resolution: float, weight: Array | None = None) -> A
 def smooth_robustly(
     position: Array, resolution: float, weight: Array | None = None
 ) -> tuple[Array, Flags]:
-    """Apply `smooth` without outliers of more than four robust standard deviations.
+    """Apply `smooth`, excluding outliers of more than four robust standard deviations.
 
     Returns:
-        The curve, shape (n,), and the rows used, shape (n,).
+        The curve, shape (n,), and a mask of the rows used, shape (n,).
     """
     weight = np.ones(position.size) if weight is None else weight
     usable = weight > 0
@@ -99,10 +99,10 @@ def variance_of_smooth(n: int, resolution: float) -> Array:
 
 
 def density_left_over(off: Array, resolution: float) -> float:
-    """Return the variance times rows of the scatter before `smooth`, from the residuals of one picture.
+    """Return the spectral density of the scatter before `smooth`, from the residuals of one picture.
 
-    This is the mean of the periodogram near the wavelength `resolution`, corrected for the response of the
-    smoothing. Shorter waves, such as those of the weave, do not pass the smoothing.
+    The density, variance times rows, is the mean of the periodogram near the wavelength `resolution`,
+    corrected for the response of the smoothing. The smoothing removes shorter waves, such as the weave's.
 
     Args:
         off: positions minus the smooth curve, shape (n,).
@@ -175,9 +175,9 @@ def off_smooth_midline(left: Array, right: Array) -> Array:
 
 
 def _smooth_midline(left: Array, right: Array, n: int) -> tuple[Array, Array, Array]:
-    """Return the columns of the model of a smooth mid-line, their factors, and the residuals [px].
+    """Fit a smooth mid-line; return the columns of its model, their factors, and the residuals [px].
 
-    The two edges in a row of a rolled muscle are not opposite each other, which shifts their middle by
+    In a row of a rolled muscle, the two edges are not opposite each other, which shifts their middle by
     roll R R'.
     """
     middle, half = (left + right) / 2, (right - left) / 2
@@ -293,7 +293,7 @@ def aligned_windows(
 
 
 def _along_edge(windows: Single, rows: int) -> Single:
-    """Return the means of so many neighbouring rows, shape (n, k)."""
+    """Return the means over this number of neighbouring rows, shape (n, k)."""
     means = cv2.blur(windows, (1, rows), borderType=cv2.BORDER_REFLECT_101)
     return np.asarray(means, np.float32).reshape(windows.shape)
 
@@ -331,10 +331,10 @@ class Side:
     Attributes:
         column: u of the edge in each row [px], shape (n,).
         stderr: random standard error of u [px], shape (n,).
-        residual: RMS deviation of the single fits from the curve [px].
+        residual: RMS deviation of the individual fits from the curve [px].
         outliers: fraction of the rows rejected as outliers.
         kappa: strength of the limb's root relative to its step [px^-0.5].
-        hidden: fraction of the edge that black threads hide.
+        hidden: fraction of the edge hidden by black threads.
     """
 
     column: Array
@@ -347,7 +347,7 @@ class Side:
 
 @dataclasses.dataclass(frozen=True)
 class Outline:
-    """Both sides of a muscle.
+    """Outline of a muscle, both sides.
 
     Attributes:
         rows: v, shape (n,).
@@ -382,12 +382,12 @@ def find_outline(
 ) -> Outline:  # fmt: skip
     """Locate both edges of an upright muscle in each row, from a coarse outline.
 
-    The model along the normal is I(t) = B + s0 [Phi(t/s) + kappa (sqrt(t) * G_s)]. Single rows give a
-    first curve. Windows aligned to it are averaged over 21 rows along the edge. The mean of all windows
+    The model along the normal is I(t) = B + s0 [Phi(t/s) + kappa (sqrt(t) * G_s)]. Individual rows give
+    a first curve. Windows aligned to it are averaged over 21 rows along the edge. The mean of all windows
     gives blur s and kappa. Each averaged window gives a position, and the positions are smoothed.
 
     Args:
-        image: luma, shape (h, w), or RGB of which luma is used, shape (h, w, 3).
+        image: luma, shape (h, w), or RGB, whose luma is used, shape (h, w, 3).
         amount: linear amount of braid for each value of luma, shape (256,).
         rows: v, consecutive, shape (n,).
         left: columns of the left side, accurate to 10 px, shape (n,).
@@ -482,7 +482,7 @@ def _side(
     side: Samples, t: Array, fit: EdgeProfile, mean: float, kappa: float, radius: float,
     resolution: float,
 ) -> Side:  # fmt: skip
-    """Smooth the edge through the shifts of all windows, whose mean is known."""
+    """Fit a smooth edge through the shifts of all windows, whose mean is known."""
     s, near = fit.blur, near_edge(t, fit.blur)
     shift = best_shift(
         side.mean[:, near], t[near], lambda x: limb(x, s, kappa, radius, fit.disk),

@@ -39,8 +39,8 @@ def read_image(path: str | PathLike[str]) -> Image:
     message.
 
     Args:
-        path: picture in any format that OpenCV reads, or a HEIC file. Deeper pictures are reduced to
-            8 bits.
+        path: picture in any format that OpenCV reads, or a HEIC file. Pictures with more than 8 bits per
+            channel are reduced to 8.
 
     Returns:
         Shape (h, w, 3), dtype uint8.
@@ -56,7 +56,7 @@ def read_image(path: str | PathLike[str]) -> Image:
         raise UnreadableImage(f"cannot read the file: {error.strerror}", path=place) from error
     if _too_large(data):
         raise UnreadableImage(
-            "a picture may have at most 178 Mpx; its header states more", path=place
+            "a picture may have at most 178 Mpx; its header states a larger size", path=place
         )
     if place.lower().endswith(HEIC):
         return _read_heic(place)
@@ -151,7 +151,7 @@ def _header(path: str | PathLike[str]) -> tuple[list[tuple[int, int]], dict[int,
 
 
 class Timestamp(NamedTuple):
-    """Time of a picture by the camera's clock.
+    """Time on the camera's clock at which a picture was taken.
 
     Attributes:
         seconds: time since 1970-01-01 [s]; the camera's clock is assumed to show UTC.
@@ -198,7 +198,7 @@ class Photograph:
 
     Attributes:
         rgb: pixels, shape (h, w, 3).
-        camera: camera, its centre in pixels of this picture.
+        camera: camera, with its centre in pixels of this picture.
         path: path of the picture; empty for an array.
         turned: True if the picture was first rotated clockwise by a quarter turn.
     """

@@ -32,7 +32,7 @@ _SCALE = re.compile(r"\s*([\d.]+)\s*(?:\+-\s*([\d.eE+-]+))?\s*(px/[a-z]+)\s*")
 
 
 def expand(photos: Sequence[str], without: str | None = None) -> list[str]:
-    """Expand files, folders and patterns to a list of pictures, each folder in natural order.
+    """Expand files, folders and patterns into a list of pictures, each folder in natural order.
 
     Args:
         photos: files, folders and patterns.
@@ -82,7 +82,7 @@ def skipped(photos: Sequence[str]) -> list[str]:
 def picture_recipe(
     ruler: Path | None, scale: str | None, choices: Mapping[str, Any]
 ) -> tuple[Recipe, dict[str, str]]:
-    """Build a recipe, and the provenance entries for the table.
+    """Build a recipe and the provenance entries for the table.
 
     Args:
         ruler: photograph of a ruler, if any.
@@ -97,12 +97,12 @@ def picture_recipe(
     choices = {name: one for name, one in choices.items() if name not in reading}
     if reading and ruler is None:
         raise ImagingError(
-            "pitch and ruler placement require a ruler: give its photograph (--ruler)"
+            "pitch and ruler placement require a ruler: provide a photograph of it (--ruler)"
         )
     if (ruler is None) == (scale is None):
         raise ImagingError(
-            "the scale must be given once: the photograph of a ruler (--ruler), or a number (--scale) such "
-            "as 226.63+-0.02 px/in"
+            "the scale must be given once, either as a photograph of a ruler (--ruler) or as a number "
+            "(--scale) such as 226.63+-0.02 px/in"
         )
     recipe = Recipe(Scale.manual(1.0) if scale is None else parse_scale(scale), **choices)
     if ruler is None:
@@ -132,7 +132,7 @@ def parse_scale(text: str) -> Scale:
     match = _SCALE.fullmatch(text)
     if match is None:
         raise ImagingError(
-            f"a scale must be a number with error and unit such as 226.63+-0.02 px/in, got {text!r}"
+            f"a scale must be a number with error and unit, such as 226.63+-0.02 px/in; got {text!r}"
         )
     number, stderr, unit = match.groups()
     stderr = stderr or str(10.0 ** -len(number.partition(".")[2]) / math.sqrt(12))
@@ -152,10 +152,11 @@ def check_sizes(ruler: str, paths: Sequence[str], recipe: Recipe) -> None:
     for one, other in zip(sizes_of(ruler), others, strict=False):
         if one not in (other, recipe.frame_size):
             raise MixedSizes(
-                f"the ruler's picture has {one[0]} x {one[1]} px, those of the muscle {other[0]} x "
-                f"{other[1]}, a ratio of {one[0] / other[0]:.4g} in width and "
+                f"the ruler's picture has {one[0]} x {one[1]} px, but the muscle's pictures have "
+                f"{other[0]} x {other[1]} px, a ratio of {one[0] / other[0]:.4g} in width and "
                 f"{one[1] / other[1]:.4g} in height. They must be cropped and scaled alike: state the "
-                "crop (--crop-offset, --frame-size), or confirm that it is intended (--rescaled)",
+                "crop (--crop-offset, --frame-size), or confirm that the difference is intended "
+                "(--rescaled)",
                 path=ruler,
             )
 
@@ -184,8 +185,8 @@ def check_known_sizes(table: Table, rest_length: float | None, diameter: float |
         if not least <= low <= high <= most:
             raise ScaleContradiction(
                 f"the pictures show {low:.3g} to {high:.3g} times the {name} of {known * 1e3:.5g} mm; "
-                f"a muscle shows {least} to {most} times: correct the {name} or the scale. Check the pitch "
-                "of the ruler, and that no picture was resized"
+                f"the ratio must be {least} to {most} for a muscle: correct the {name} or the scale. Check "
+                "the pitch of the ruler, and that no picture was resized"
             )
 
 
@@ -216,14 +217,14 @@ def measure_pictures(
     Args:
         photos: files, folders and patterns.
         recipe: see `picture_recipe`.
-        provenance: see `process`; its `ruler` entry is excluded from the pictures.
+        provenance: see `process`; the picture in its `ruler` entry is not measured.
         add_log: adds columns from a test machine's log, including `log_time`.
-        rest_length: L0 [m]; None for the longest measured picture.
+        rest_length: L0 [m]; None for the longest measured length.
         executor: see `process`.
         system: units of CSV and plots.
         output: output folder, created if missing; finished rows in it are reused.
-        overlays: number of pictures saved with the detected edges drawn in.
-        rescaled: accept a ruler picture whose size differs from the others.
+        overlays: number of pictures saved with the detected edges drawn on them.
+        rescaled: accept a ruler picture that differs in size from the others.
         diameter: nominal diameter of the braid at rest, used to check the scale [m].
         progress: called with (pictures done, pictures).
 
@@ -241,7 +242,7 @@ def measure_pictures(
     )  # fmt: skip
     check_known_sizes(table, rest_length, diameter)
     if others := skipped(photos):
-        note = f"Skipped {len(others)} files that are not pictures, the first is {others[0]}."
+        note = f"Skipped {len(others)} files that are not pictures; the first is {others[0]}."
         table = dataclasses.replace(table, notes=(*table.notes, note))
     if add_log is not None:
         table = add_log(table)
@@ -258,7 +259,7 @@ def measure_pictures(
 
 
 def draw_overlays(table: Table, recipe: Recipe, folder: Path, number: int) -> Path:
-    """Measure some pictures again, save them with the outlines drawn in, and return the folder.
+    """Measure some pictures again, save them with the outlines drawn on them, and return the folder.
 
     The pictures are evenly spaced in contraction.
     """

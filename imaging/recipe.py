@@ -18,11 +18,11 @@ class Quality:
     Attributes:
         eta_value, eta_hue: separability of muscle and cloth and of tape and braid, 0 to 1.
         blur_px: standard deviation of the edge's blur across the outline [px].
-        kappa: strength of the limb's root relative to its step, the larger of both sides [px^-0.5]; 0
+        kappa: strength of the limb's root relative to its step, the larger of the two sides [px^-0.5]; 0
             for a plateau, above 2 if the limb is nearly as dark as the cloth.
         axis_deviation: RMS deviation of the mid-line from a straight line, relative to the mean radius.
         axis_kink: largest deviation of the mid-line from a cubic, relative to the mean radius. Rendered
-            muscles have at most 0.025; an object that covers a sixth of the radius makes 0.07 or more.
+            muscles have at most 0.025; an object that covers a sixth of the radius gives 0.07 or more.
         misfit: misfit of the limb model to the mean edge, relative to the step; raised by halo and
             sharpening.
         flank: excess of the mean edge over the model inside the edge, relative to the step; raised by
@@ -70,9 +70,9 @@ _LEAST = {"eta_value", "eta_hue"}
 """Figures with a lower limit; all others have an upper limit."""
 
 _SMEARED = (
-    "edges must be equally sharp along the axis and across it; these are smeared: use a shorter exposure "
-    "or hold the muscle still, check the focus, wind tapes with straight edges, away from steep shoulders, "
-    "and retake the picture"
+    "edges must be equally sharp along and across the axis; these are smeared: use a shorter exposure or "
+    "hold the muscle still, check the focus, wind straight-edged tapes away from steep shoulders, and "
+    "retake the picture"
 )
 _ALIKE = (
     "the two sides must be smooth and symmetric: check for a damaged picture, one side in shadow, or an "
@@ -85,9 +85,10 @@ _CHECKS: tuple[tuple[str, float, type[errors.ImagingError], str], ...] = (
     ("eta_hue", 0.75, errors.AmbiguousHue, "tape and braid must differ in colour: use tape of another "
      "colour"),
     ("kappa", 5.9, errors.Underexposed, "a limb is as dark as the cloth: light the muscle from both sides. "
-     "If it is lit, it moved: use a shorter exposure and retake the picture"),
+     "If both sides were lit, the muscle moved: use a shorter exposure and retake the picture"),
     ("blur_ratio", 1.6, errors.MotionBlurred, _SMEARED),
-    ("blur_px", 3.5, errors.Defocused, "focus on the muscle's limb and retake the picture"),
+    ("blur_px", 3.5, errors.Defocused, "the muscle is out of focus: focus on its limb and "
+     "retake the picture"),
     ("tape_blur_px", 4.0, errors.MotionBlurred, _SMEARED),
     ("flank", 0.2, errors.MotionBlurred, _SMEARED),
     ("outlier_fraction", 0.2, errors.DamagedImage, _ALIKE),
@@ -96,7 +97,7 @@ _CHECKS: tuple[tuple[str, float, type[errors.ImagingError], str], ...] = (
     ("axis_kink", 0.05, errors.DamagedImage, _ALIKE),
     ("misfit", 0.02, errors.DamagedImage, "the mean edge must match the model of a lit body: put a dark "
      "cloth behind the muscle if parts of the background resemble it, and switch off sharpening"),
-    ("tape_sd_px", 5.0, errors.AmbiguousHue, "the tapes' edges must be straight rings: check for a torn or "
+    ("tape_sd_px", 5.0, errors.AmbiguousHue, "the tape edges must be straight rings: check for a torn or "
      "covered tape"),
 )  # fmt: skip
 """Figures of `Quality`, their limits, and the error for a value beyond the limit.
@@ -115,7 +116,7 @@ _RESOLUTION = 0.0093  # m, 83 px at 226.63 px/in: a quarter of the smallest feat
 
 @dataclasses.dataclass(frozen=True)
 class Recipe:
-    """Settings for measuring the photographs of one camera set-up.
+    """Settings for measuring photographs taken with one camera set-up.
 
     Attributes:
         scale: scale in the mid-plane.
@@ -132,7 +133,7 @@ class Recipe:
         orientation: orientation of the muscle in the picture; "auto" detects it. A horizontal muscle
             is rotated clockwise by a quarter turn before the measurement.
         tape_diameter: known diameter of the tapes on the fittings [m], used to check the scale.
-        braid_angle: also measure the braid angle from the weave; doubles the time.
+        braid_angle: also measure the braid angle from the weave; doubles the computing time.
 
     Raises:
         ImagingError: an unknown option, a value outside its range, or an incomplete crop.
@@ -180,7 +181,7 @@ class Recipe:
             if u < 0 or v < 0 or u + width > frame_width or v + height > frame_height:
                 raise errors.ImagingError(
                     f"the pictures, {width} x {height} px at crop_offset {self.crop_offset}, must lie "
-                    f"in the frame of {frame_width} x {frame_height} px"
+                    f"within the frame of {frame_width} x {frame_height} px"
                 )
             centre = (frame_width - 1) / 2 - u, (frame_height - 1) / 2 - v
         k1 = self.scale.k1 if self.k1 is None else self.k1

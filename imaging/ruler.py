@@ -359,13 +359,13 @@ def read_strip(light: Single, line: Line) -> Strip | None:
 
 
 def is_ruler(marks: Numbered, part: float = _ON_MODEL) -> bool:
-    """Return True if the marks are sharp, at least 8, and at least this part of those expected."""
+    """Return True if the marks are sharp, number at least 8, and include this part of those expected."""
     enough = marks.number.size >= max(FEWEST, part * (int(np.ptp(marks.number)) + 1))
     return enough and marks.residual <= _SHARP * marks.pitch
 
 
 def _check_unique(light: Single, best: Strip, strips: list[Strip]) -> None:
-    """Check that every other strip shows the same marks, or only the longer ones of them.
+    """Check that every other strip shows the same marks, or only the longer ones among them.
 
     Numerals next to every eighth mark are periodic as well, but less exactly.
     """
@@ -412,7 +412,8 @@ _READINGS = {
     10: (0.001, 0.1 * INCH), 20: (0.0005, 0.05 * INCH),
 }  # fmt: skip
 """Possible pitches [m] for each number of marks per numeral: inches in powers of two, centimetres, and
-tenths and twentieths of an inch. Longer fourth marks are common to most rulers and decide nothing."""
+tenths and twentieths of an inch. Most rulers have longer fourth marks, so a period of four does not
+identify the pitch."""
 
 _REACH = 24  # distance from the marks within which longest marks and numerals are sought [pitches]
 _ACROSS = 0.25  # spacing of the lines searched [pitches]
@@ -439,7 +440,7 @@ def pitch_of(light: Single, strip: Strip) -> float:
         return readings[0]
     seen = f"every {period}th mark is numbered" if period else "no numerals were found"
     raise AmbiguousRuler(
-        f"{seen}, so the spacing of the marks is ambiguous: state it, as in --pitch 0.125in or 1mm",
+        f"{seen}, so the spacing of the marks is ambiguous: state it, as in --pitch 0.125in or --pitch 1mm",
         pitch_px=strip.marks.pitch,
     )
 
@@ -507,7 +508,7 @@ _LARGEST = 0.5  # of k1
 
 
 def lens_of_marks(strip: Strip, camera: Camera) -> tuple[Camera, float | None]:
-    """Return the camera with the distortion k1 seen in the marks, and the standard error of k1.
+    """Return the camera with the distortion k1 estimated from the marks, and the standard error of k1.
 
     Without distortion, evenly spaced marks follow px(n) = (a + b n) / (1 + c n). A term k1 r^3 does not
     have this form, so k1 is found by least squares. A k1 below three standard errors is set to zero.
@@ -577,7 +578,7 @@ def calibrate_ruler(
             three standard errors.
         tone: the camera's tone curve, by default sRGB; its influence is small.
         placement_stderr: standard error of the ruler's position in depth [m], included in that of the
-            scale. None assumes the ruler in the plane; measurements then issue a warning.
+            scale. None assumes that the ruler is in the plane; measurements then issue a warning.
 
     Returns:
         The scale; `tilt_deg` is positive if the lower or right end is further away.
@@ -655,8 +656,8 @@ def _scale(
     random = math.sqrt(gradient @ marks.covariance @ gradient)
     if not random <= _LEAST_EXACT * px_per_m:
         raise RulerNotFound(
-            f"the marks must determine the scale to {_LEAST_EXACT:.1%}; they are too few or scatter "
-            "too much: check that the ruler is in focus and its finest marks are at least 5 px apart",
+            f"the marks must determine the scale to within {_LEAST_EXACT:.1%}; they are too few or scatter "
+            "too much: check that the ruler is in focus and that its finest marks are at least 5 px apart",
             relative_stderr=random / px_per_m,
         )
     return Scale(

@@ -28,7 +28,7 @@ def shaped(mask: Mask, operation: int, size: int) -> Mask:
 
 
 def parts(mask: Mask) -> tuple[NDArray[np.int32], Indices]:
-    """Return the labels of the connected parts, 0 outside, and the number of pixels of each part."""
+    """Return the labels of the connected parts, 0 outside, and the number of pixels in each part."""
     _, labels, found, _ = cv2.connectedComponentsWithStats(mask)
     found[0, cv2.CC_STAT_AREA] = 0
     return np.asarray(labels, np.int32), np.asarray(found[:, cv2.CC_STAT_AREA], np.int64)
@@ -110,11 +110,11 @@ _WHOLE = "the whole muscle must be in the picture, clear of its border: move the
 
 
 class MuscleMask(NamedTuple):
-    """The muscle with its tapes.
+    """Masks of the muscle with its tapes.
 
     Attributes:
-        lit: well lit part, 255 inside, shape (h, w).
-        whole: the same with its shaded side, and rods with glare.
+        lit: well-lit part, 255 inside, shape (h, w).
+        whole: the same, plus the shaded side and rods with glare.
         eta: separability of muscle and cloth, 0 to 1; nan if the muscle was not found by its brightness.
     """
 
@@ -124,7 +124,7 @@ class MuscleMask(NamedTuple):
 
 
 def muscle_mask(rgb: Image) -> MuscleMask:
-    """Find the largest object that is brighter, or stronger in colour, than the cloth.
+    """Find the largest object that is brighter or more strongly coloured than the cloth.
 
     Otsu's level is applied to the brightest of the three colours. It is also applied to max - min of the
     colours if that has two classes, because a dark blue tape is no brighter than the cloth.
@@ -230,7 +230,7 @@ def _without_streaks(lit: Mask) -> Mask:
 
 
 def _distance(rgb: Image) -> Single:
-    """Return the distance in colour of each pixel from the background of its row, shape (h, w)."""
+    """Return the colour difference between each pixel and the background of its row, shape (h, w)."""
     h, w = rgb.shape[:2]
     width, height = _border(w), max(3, round(_ALONG * h)) | 1
     picture, sides = rgb.astype(np.float32), []
@@ -254,7 +254,7 @@ _FEWEST = 50  # pixels of a class
 
 
 def split_by_colour(rgb: Image, muscle: Mask) -> tuple[Mask, float]:
-    """Separate the pixels of the tape, the colour that covers the smaller area, from the braid's.
+    """Separate the tape's pixels, whose colour covers the smaller area, from the braid's.
 
     Chromaticity c = (R, G, B) / (R + G + B) is independent of the strength of the light. Otsu's split
     along its first principal axis gives two classes. A second split along the line between their means
@@ -311,7 +311,7 @@ def _without_fittings(rgb: Image, mask: Mask, muscle: Mask) -> Mask:
     """Remove colours that lie beyond the tapes, such as those of a fitting or a hose.
 
     The class is split into three colours, such as tape, gloss on the tape and a grey fitting. A colour is
-    removed if it begins along the muscle where the others end.
+    removed if it begins, along the muscle, where the others end.
     """
     braid, at = (np.argwhere(each) for each in ((muscle > 0) & (mask == 0), mask > 0))
     if min(len(braid), len(at)) < _FEWEST:
@@ -340,8 +340,8 @@ def _without_fittings(rgb: Image, mask: Mask, muscle: Mask) -> Mask:
 def _cut(values: NDArray[np.floating]) -> tuple[float, float]:
     """Return the level between two classes of values, and their separability.
 
-    The level has the same distance to both means in their standard deviations. Otsu's level is midway
-    between the means and would cut into the wider class, such as that of a glossy tape.
+    The level is equally far from both means, measured in each class's standard deviation. Otsu's level is
+    midway between the means and would cut into the wider class, such as that of a glossy tape.
     """
     low, high = np.percentile(values, [0.2, 99.8])
     if not high > low:
@@ -413,9 +413,9 @@ def two_tapes(coloured: Mask, muscle: Mask, eta: float) -> tuple[Patch, Patch]:
         (n == 0 or (n != 2 and eta < TWO_CLASSES), errors.AmbiguousHue,
          "the tapes must differ in colour from the braid: use tape of another colour"),
         (n == 1, errors.MissingFitting,
-         "two tapes must be visible; one is: check whether the other is covered, too dark or colourless"),
+         "two tapes must be visible; only one is: check whether the other is covered, dark or colourless"),
         (n > 2, errors.ExtraFitting,
-         "exactly two tapes must be visible: remove other objects of that colour, or crop the picture"),
+         "exactly two tapes must be visible: remove other objects of their colour, or crop the picture"),
     ):  # fmt: skip
         if holds:
             raise error(text, tapes=n, eta_hue=eta)
@@ -463,7 +463,7 @@ class TapeBand(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Segmentation:
-    """The muscle, to within a few pixels.
+    """Outline and tapes of a muscle, to within a few pixels.
 
     Attributes:
         rows: rows between the tapes, shape (n,).
@@ -572,7 +572,9 @@ def _segmented(rgb: Image, mask_by: Callable[[Image], MuscleMask]) -> Segmentati
         sampled(small, mask, _COLOURS) for mask in (cloth, inside, coloured & body)
     )
     if min(cloth.size, braid.size, tape.size) == 0:
-        raise errors.NoMuscle("cloth, braid and tapes must all be visible; one has no pixels")
+        raise errors.NoMuscle(
+            "cloth, braid and tapes must all be visible; one of them has no pixels"
+        )
     return Segmentation(
         rows=rows + v0, left=np.interp(rows, at, left * step) + u0,
         right=np.interp(rows, at, right * step) + u0, upper=upper.moved(step, v0, u0),
@@ -604,7 +606,7 @@ _ONE_SIDED = 1.3  # of the braid's light
 
 
 def edge_light(rgb: Image, coarse: Segmentation, tone: Tone) -> tuple[Image, Single]:
-    """Return the picture in which the outline is located, and the amount of muscle for its luma.
+    """Return the picture in which the outline is located, and the amount of muscle for each luma value.
 
     If the muscle is darker than the background, the picture is inverted.
 
@@ -632,7 +634,7 @@ def edge_light(rgb: Image, coarse: Segmentation, tone: Tone) -> tuple[Image, Sin
     contrast = float(low if low > 0 else high if high < 0 else 0.0)
     if abs(contrast) < _CONTRAST:
         raise errors.NoMuscle(
-            f"the whole outline must be brighter than the background, or darker everywhere: {_CLOTH}",
+            f"the whole outline must be either brighter or darker than the background: {_CLOTH}",
             contrast=abs(contrast),
         )
     amount = amount_of_luma(tone, np.median(outside, axis=0), np.median(inside, axis=0))
@@ -643,7 +645,7 @@ def edge_light(rgb: Image, coarse: Segmentation, tone: Tone) -> tuple[Image, Sin
 
 
 def _beside(rgb: Image, coarse: Segmentation, tone: Tone) -> tuple[Array, Array]:
-    """Return the linear light inside and outside of both sides of the outline, shape (n, 3) each."""
+    """Return the linear light inside and outside the outline, from both sides, shape (n, 3) each."""
     some = slice(None, None, max(1, coarse.rows.size // _ROWS))
     rows = coarse.rows[some].astype(np.intp)[:, None]
     found: list[list[Array]] = [[], []]

@@ -98,12 +98,12 @@ _COSINES = np.linspace(0.12, 0.985, 400)
 
 
 class Directions(NamedTuple):
-    """Result for the whole pattern.
+    """Direction of the yarns in the whole pattern.
 
     Attributes:
-        cosine_per_radius: c of cos(theta) = c R [1/m], for threads of equal length.
-        contrast: mean logarithm of the energy of the yarns' rays relative to the median ray.
-        apparent: number of yarns around the circumference in each direction in the spectrum [-]; nan
+        cosine_per_radius: c in cos(theta) = c R [1/m], for threads of equal length.
+        contrast: mean logarithm of the energy on the yarns' rays relative to the median ray.
+        apparent: number of yarns around the circumference in each direction, from the spectrum [-]; nan
             without a peak.
     """
 
@@ -143,7 +143,7 @@ def directions(surface: Unrolled, px: float) -> Directions | None:
 
     The spectrum of a pattern that is constant along the yarns of one family lies on the ray perpendicular
     to them, even if the yarns differ. In units of the window's widths, the power is symmetric about this
-    ray. All windows together determine c of cos(theta) = c R, which holds for threads of equal length.
+    ray. All windows together determine c in cos(theta) = c R, which holds for threads of equal length.
 
     Args:
         surface: unrolled front.
@@ -195,7 +195,7 @@ def directions(surface: Unrolled, px: float) -> Directions | None:
 
 
 def _power(surface: Unrolled, rows: Spectrum, centre: float, width: float, axial: Array) -> Array:
-    """Power spectrum of one window, shape (f, k)."""
+    """Return the power spectrum of one window, shape (f, k)."""
     near = np.abs(surface.arc - centre) < 3 * width
     off = surface.arc[near] - centre
     weight = np.exp(-(off**2) / (2 * width**2))
@@ -230,11 +230,11 @@ _EXCESS, _UNSURE = (
 
 
 class Waves:
-    """The waves of both families in each window.
+    """Waves of both families of yarns in each window.
 
     Args:
         surface: unrolled front.
-        seen: result for the whole pattern.
+        seen: direction of the yarns in the whole pattern.
         width: standard deviation of the windows along the meridian [m].
         spacing: spacing of the windows relative to their width.
 
@@ -291,10 +291,10 @@ class Waves:
         return float(f[0] + top * (f[1] - f[0])), float(power.max()) / max(total, 1e-30)
 
     def phase_across(self, n: float, rates: Array, harmonic: int) -> tuple[float, float]:
-        """Return the phase of a harmonic on the right relative to the left, compared with n yarns.
+        """Return the phase of a harmonic on the right relative to the left, minus that of n yarns.
 
         Returns:
-            The phase [rad], and the agreement of all windows, 0 to 1.
+            The phase [rad], and the agreement among all windows, 0 to 1.
         """
         k = np.array([harmonic * n / (2 * np.pi)])
         left, right = (
@@ -312,16 +312,16 @@ class Waves:
 
 
 def count_yarns(waves: Waves, apparent: float) -> tuple[float, float]:
-    """Return the number of yarns in each direction, an integer if counted, and the standard error.
+    """Return the number of yarns in each direction, an integer if counted, and its standard error.
 
     Shading shifts the crests between left and right, those of the second harmonic by about half as much as
     those of the first. 2 n_2 - n_1 is free of the shift if it is exactly half. Lamps near the camera add up
-    to one yarn to 24. Braiders make even numbers, so an even number is accepted if all three are close to
-    it. Otherwise n_2 minus its usual excess is returned.
+    to one yarn in 24. Braiding machines use even numbers of yarns, so an even number is accepted if n_1,
+    n_2 and 2 n_2 - n_1 are all close to it. Otherwise n_2 minus its usual excess is returned.
 
     Args:
         waves: waves of the muscle.
-        apparent: n in the spectrum, accurate to 1.5.
+        apparent: n from the spectrum, accurate to within 1.5.
 
     Returns:
         n, and its standard error, which is 0 if the yarns were counted.
@@ -368,7 +368,7 @@ class BraidAngle:
         z: positions from the upper tape's edge to the lower one's [m], shape (n,).
         angle: theta, mean of both families [rad], shape (n,); nan where it is not resolved.
         stderr: standard error of theta [rad], shape (n,).
-        refusal: reason if the angle is not resolved anywhere; otherwise empty.
+        refusal: reason why the angle is not resolved anywhere; empty if it is resolved.
         yarns: number around the circumference in each direction, an integer if counted, otherwise an
             estimate; nan if no yarns are visible.
         yarns_stderr: standard error of the number, 0 if counted; nan if no yarns are visible.
@@ -414,8 +414,8 @@ def braid_angle(
     The front is unrolled to azimuth phi and arc length s, where a yarn has d phi / ds = +-g with
     g = cot(theta) / R. n yarns in 2 pi make a wave of n / (2 pi) per radian across the front. Along s, the
     frequency of the wave is f = g n / (2 pi), measured in Gaussian windows. A lamp shifts the crests of
-    round yarns towards itself and stretches the pattern across by up to 4 %. Counting n corrects this,
-    because n is an integer, and even in a braid of two over two. Along s, the shift is proportional to the
+    round yarns towards itself and stretches the pattern sideways by up to 4 %. Counting n corrects this,
+    because n is an integer, and even in a two-over-two braid. Along s, the shift is proportional to the
     slope of the meridian, and its typical amount is subtracted.
 
     Args:
@@ -427,7 +427,7 @@ def braid_angle(
 
     Returns:
         The angle in windows with a standard deviation of half the mean radius, or more for fewer than 28
-        yarns. Their spacing is half of it, and their distance from the tapes at least 1.5 times it.
+        yarns. The windows are half a standard deviation apart, and at least 1.5 from the tapes.
     """
     surface = unrolled(photo.rgb, photo.camera, body, first, last)
     seen = directions(surface, 1 / photo.camera.px_per_m)

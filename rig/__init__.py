@@ -1,7 +1,7 @@
 """Test rig: protocol, link, journal, plans and simulation.
 
 Start with `read_plan` and `Rig`, which controls the pressure and always vents on exit. `read_journal` reads
-a record and `audit` checks it; `rig.simulation` simulates a rig without hardware. For the firmware, wiring
+a journal and `audit` checks it; `rig.simulation` simulates a rig without hardware. For the firmware, wiring
 and safety rules see `rig/firmware/README.md`.
 """
 

@@ -41,7 +41,7 @@ class Sensor:
 
     Attributes:
         gain: gain [unit/count], nonzero.
-        zero: counts at value zero; may lie outside 0..5115.
+        zero: counts at a value of zero; may lie outside 0..5115.
         gain_std: standard error of the gain [unit/count].
         zero_std: standard error of the zero [counts].
         correlation: correlation of the two errors, in [-1, 1].
@@ -58,7 +58,8 @@ class Sensor:
     def __post_init__(self) -> None:
         if not (math.isfinite(self.gain) and self.gain != 0 and math.isfinite(self.zero)):
             raise RigError(
-                f"a sensor requires a finite nonzero gain and a finite zero, got {self.gain}, {self.zero}"
+                f"a sensor requires a finite nonzero gain and a finite zero, got {self.gain} "
+                f"and {self.zero}"
             )
 
     def value(self, counts: ArrayLike) -> NDArray[np.float64]:
@@ -85,7 +86,7 @@ def fit_sensor(counts: ArrayLike, references: ArrayLike) -> Sensor:
 
     Args:
         counts: mean counts at each reference, shape (n,), n >= 3, strictly between 0 and 5115.
-        references: applied values [unit], shape (n,), at least two different ones.
+        references: applied values [unit], shape (n,), at least two of them different.
 
     Returns:
         The sensor with standard errors of both parameters and their correlation.
@@ -111,7 +112,9 @@ def fit_sensor(counts: ArrayLike, references: ArrayLike) -> Sensor:
     (slope, zero), covariance = np.polyfit(x, y, 1, cov=True)
     slope_std, zero_std = np.sqrt(np.diag(covariance))
     if abs(slope) <= 3 * slope_std or slope == 0:
-        raise RigError("the counts do not follow the references: check wiring and order")
+        raise RigError(
+            "the counts do not follow the references: check the wiring and the order of the references"
+        )
     # gain = 1/slope reverses the sign of the correlation with the zero
     correlation = -covariance[0, 1] / (slope_std * zero_std) if zero_std else 0.0
     gain, left = 1 / slope, y - zero - slope * x
@@ -138,7 +141,7 @@ class FeedForward:
 
     @classmethod
     def bias(cls, output: float = 127.5) -> "FeedForward":
-        """Return a constant output, by default 2.5 V, the middle of the proportional valve."""
+        """Return a constant output, by default 2.5 V, the middle of the proportional valve's range."""
         return cls((output, 0.0, 0.0, 0.0))
 
     def output(self, pressure: float, unit: str = "kPa") -> float:
@@ -163,14 +166,14 @@ class FeedForward:
 
 
 def fit_feed_forward(pressures: ArrayLike, outputs: ArrayLike) -> FeedForward:
-    """Fit a cubic to output steps, neglecting the noise of the pressures.
+    """Fit a cubic to output steps, neglecting the noise in the pressures.
 
     Args:
-        pressures: mean pressure [Pa] at each step, shape (n,), n >= 5, at least four different.
+        pressures: mean pressure [Pa] at each step, shape (n,), n >= 5, at least four of them different.
         outputs: output steps [counts, 0..255], shape (n,).
 
     Returns:
-        v(P), valid between the extreme pressures.
+        v(P), valid between the lowest and the highest pressure.
 
     Raises:
         RigError: too few steps, or the cubic does not rise over the whole range.
@@ -183,7 +186,8 @@ def fit_feed_forward(pressures: ArrayLike, outputs: ArrayLike) -> FeedForward:
     P, u = _pairs("pressures and outputs", pressures, outputs)
     if u.size < 5 or np.unique(u).size < 4 or np.unique(P).size < 4:
         raise RigError(
-            f"the cubic requires five steps with four different outputs, got {u.size} steps"
+            "the cubic requires at least five steps, with four different outputs and pressures; "
+            f"got {u.size} steps"
         )
     scale = float(np.abs(P).max())
     A = np.vander(P / scale, 4, increasing=True)
@@ -192,17 +196,19 @@ def fit_feed_forward(pressures: ArrayLike, outputs: ArrayLike) -> FeedForward:
     x = np.linspace(P.min(), P.max(), 257) / scale
     slope = c[1] + 2 * c[2] * x + 3 * c[3] * x * x
     if (slope <= 0).any():
-        raise RigError("the pressure does not rise with the output: check pump and needle valve")
+        raise RigError(
+            "the pressure does not rise with the output: check the pump and the needle valve"
+        )
     return FeedForward(tuple(c.tolist()), scale, (float(P.min()), float(P.max())), scatter)
 
 
 def _pairs(
     what: str, first: ArrayLike, second: ArrayLike
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Convert to two finite columns of equal length."""
+    """Convert two arguments to finite arrays of equal length."""
     a, b = np.asarray(first, np.float64), np.asarray(second, np.float64)
     if a.ndim != 1 or a.shape != b.shape:
-        raise RigError(f"{what} must have one shape (n,), got {a.shape}, {b.shape}")
+        raise RigError(f"{what} must have the same shape (n,), got {a.shape} and {b.shape}")
     if not (np.isfinite(a).all() and np.isfinite(b).all()):
         raise RigError(f"{what} must be finite: omit missing readings")
     return a, b
@@ -252,18 +258,18 @@ class Calibration:
 
 
 def calibration_as_dict(calibration: Calibration) -> dict[str, Any]:
-    """Convert to a dictionary with units in the keys; unknown or infinite entries are omitted."""
+    """Convert a calibration to a dictionary with units in the keys, without unknown or infinite entries."""
     board = {"board": calibration.board} if calibration.board else {}
     parts = {name: to_entries(getattr(calibration, name), form) for name, form in _FORMS.items()}
     return board | parts
 
 
 def calibration_from_dict(content: Mapping[str, Any], where: str = "") -> Calibration:
-    """Build a calibration from such a dictionary.
+    """Build a calibration from a dictionary made by `calibration_as_dict`.
 
     Args:
         content: tables of both sensors and, optionally, the feed-forward table and the board.
-        where: prefix of messages.
+        where: prefix for messages.
 
     Raises:
         RigError: a sensor is missing, a key is unknown or a value is not a number.
@@ -309,7 +315,7 @@ def update_calibration(
     known = read_toml(path, "calibration", RigError) if Path(path).exists() else {}
     if board and known and known.get("board", board) != board:
         raise RigError(
-            f"{path} belongs to board {known['board']}, this is board {board}: use another file"
+            f"{path} belongs to board {known['board']}, but this is board {board}: use another file"
         )
     content = known | {name: to_entries(part, _FORMS[name])} | ({"board": board} if board else {})
     if {"pressure", "force"} <= content.keys():
@@ -327,4 +333,4 @@ class _Tables:
     pressure: dict[str, Any]
     force: dict[str, Any]
     feed_forward: dict[str, Any] | None = None
-    board: Annotated[int, Meta(ge=0, le=65534, description="a number of 0 to 65534")] = 0
+    board: Annotated[int, Meta(ge=0, le=65534, description="a number from 0 to 65534")] = 0

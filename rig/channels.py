@@ -1,4 +1,4 @@
-"""Checks of the device, its channels and its venting, before and during a test."""
+"""Check the device, its channels and its venting, before and during a test."""
 
 import math
 import secrets
@@ -56,9 +56,7 @@ def greet(link: AbstractLink) -> Hello:
         if session.hello is not None and link.newest is not None:
             break
     if session.hello is None or link.newest is None or session.hello.protocol != PROTOCOL:
-        raise RigFault(
-            f"the device must use protocol {PROTOCOL}: upload the firmware of this version"
-        )
+        raise RigFault(f"the device must use protocol {PROTOCOL}: upload this version's firmware")
     link.alarms.clear()  # opening the port may have reset the board
     return session.hello
 
@@ -91,9 +89,9 @@ def device_status(link: AbstractLink) -> DeviceStatus:
 def floor_counts(calibration: Calibration) -> int:
     """Return the lowest plausible reading of one conversion [counts], or 0 if none can be set.
 
-    Gauge pressure is never far below zero. A transducer with a live zero therefore reads much less than at
-    0 Pa only when it fails; the floor is 60 % of that reading. A 0 to 5 V transducer reads 0 both at 0 Pa
-    and with a broken wire.
+    Gauge pressure is never far below zero. A transducer with a live zero therefore reads far below its
+    value at 0 Pa only when it fails; the floor is 60 % of that value. A 0 to 5 V transducer reads 0 both
+    at 0 Pa and with a broken wire.
 
     >>> from rig.simulation import load_cell, pressure_transducer
     >>> floor_counts(Calibration(pressure_transducer().calibration(), load_cell().calibration()))
@@ -122,12 +120,12 @@ def watch_rest(link: AbstractLink, calibration: Calibration) -> bool:
         if late:
             raise RigError(
                 f"the transducer reads {pressure_text(pressure, 'psi')} with the dump valve open: it is "
-                "stuck, exchanged or miscalibrated, or the rig does not vent; compare with a gauge"
+                "stuck, swapped or miscalibrated, or the rig does not vent; compare it with a gauge"
             )
     if abs(load - calibration.force.zero) > REST_LOAD:
         raise RigError(
             f"the load cell reads {load / READINGS:.0f} counts with the dump valve open: it is dead, "
-            "saturated or exchanged, or the muscle is loaded"
+            "saturated or swapped, or the muscle is loaded"
         )
     return status.alive == _ALIVE
 
@@ -139,7 +137,7 @@ def check_channels(link: AbstractLink) -> dict[str, float]:
         Output, and changes of pressure and load in counts of one conversion.
 
     Raises:
-        RigError: only the load moves, as with exchanged channels, or neither moves.
+        RigError: only the load changes, as with swapped channels, or neither changes.
     """
     seen = deque[Sample](maxlen=TEST_RECORDS)
     rest = mean_counts(link, 0.5)
@@ -174,12 +172,12 @@ def check_channels(link: AbstractLink) -> dict[str, float]:
         return {"output": output, "pressure_counts": rise, "force_counts": load}
     if load >= TEST_LOAD:
         raise RigError(
-            "the load moved but the pressure did not: the channels are exchanged, or the "
+            "the load changed but the pressure did not: the channels are swapped, or the "
             "transducer's line is blocked; check the wires at A0 and A1"
         )
     raise RigError(
-        f"an output of {output} counts moved neither pressure nor load: check for missing supply, an open "
-        "hose, a dump valve that stays open, or a tripped device"
+        f"an output of {output} counts changed neither pressure nor load: check for a missing supply, an "
+        "open hose, a dump valve that stays open, or a tripped device"
     )
 
 
@@ -187,7 +185,7 @@ class FlowWatch:
     """Detect inflow that contradicts the readings at a held pressure.
 
     A muscle that takes in fluid at constant pressure shortens and pulls less. A rising load then means
-    that the pressure rises undetected: exchanged channels or a blocked transducer line.
+    that the pressure rises undetected, because of swapped channels or a blocked transducer line.
     """
 
     def __init__(self) -> None:

@@ -1,6 +1,6 @@
 """Control the pressure of a muscle and record tests; see rig/firmware.
 
-PLAN.toml, units in the keys (psi, kPa, bar, in, mm, ...):
+PLAN.toml, with units in the keys (psi, kPa, bar, in, mm, ...):
 
 ```toml
 [plan]
@@ -46,14 +46,14 @@ COMMANDS: list[Callable[..., int]] = []  # subcommands of `famjax rig`
 # Safety conditions that software cannot check.
 PRECONDITIONS = {
     "air": (
-        "The supply regulator is set no higher than the rating of muscle and hoses.",
+        "The supply regulator is set no higher than the rating of the muscle and hoses.",
         "A normally open dump valve vents the muscle if it loses power.",
         "The proportional valve exhausts at 0 % output.",
         "Nobody stands in line with the ends of the muscle.",
     ),
     "water": (
         "A mechanical relief valve is fitted: software cannot limit the peak at a blocked needle valve.",
-        "A normally open dump valve returns to the tank.",
+        "A normally open dump valve returns the water to the tank.",
         "The pump stops at 0 % output, and its power switch is within reach.",
         "The circuit is bled: trapped air stores energy.",
     ),
@@ -68,7 +68,7 @@ WORDS = "Type begin (or Enter alone), pause, skip, repeat or stop, and press Ent
 
 @contextlib.contextmanager
 def ended_in_words() -> Iterator[None]:
-    """Exit with code 1 after a fault and 130 after a signal; the rig is vented."""
+    """Exit with code 1 after a fault and 130 after a signal; the rig has then vented."""
     names = ("SIGTERM", "SIGHUP") if threading.current_thread() is threading.main_thread() else ()
     numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
     before = {number: signal.signal(number, signal.default_int_handler) for number in numbers}
@@ -107,7 +107,7 @@ def monitor(
     seconds: float | None = None,
     units: Units = "metric",
 ) -> int:
-    """Print live values every second without changing the device.
+    """Print live values every second without changing the state of the device.
 
     Opening the port resets most boards, which then vent.
 
@@ -166,9 +166,9 @@ def acknowledge(
             print("the device is not tripped")
             return 0
         print(f"tripped: {control.trip_text(status, known)}")
-        confirm("Was the cause found? Type yes to acknowledge: ", "acknowledged", yes=yes)
+        confirm("Has the cause been found? Type yes to acknowledge: ", "acknowledged", yes=yes)
         control.acknowledge(link, known)
-    print("acknowledged: the device is in SAFE, its dump valve open")
+    print("acknowledged: the device is in SAFE, with its dump valve open")
     return 0
 
 
@@ -183,11 +183,11 @@ def calibrate_sensor(
     seconds: float = 2.0,
     calibration: Path = Path("calibration.toml"),
 ) -> int:
-    """Calibrate the pressure transducer or the load cell at known references.
+    """Calibrate the pressure transducer or the load cell against known references.
 
     Asks you to apply each reference and averages the counts, or uses counts recorded earlier. The device
     stays in SAFE with its dump valve open: apply the reference pressure directly to the transducer, from a
-    calibrator or a gauge line. The other tables of the file are kept. The file also stores the board
+    calibrator or a gauge line. The other tables in the file are kept. The file also stores the board
     number and works only with that board.
 
     Parameters
@@ -195,7 +195,7 @@ def calibrate_sensor(
     sensor
         pressure or force.
     reference
-        Applied reference with its unit, `40psi`. Repeatable; give three or more in order.
+        Applied reference with its unit, `40psi`. Repeatable; give three or more, in order.
     reading
         Counts at each reference, as sums of five converter readings. Repeatable; if omitted, they are read
         from the port.
@@ -268,10 +268,10 @@ def calibrate_pump(
             f"calibrate-pump requires a water circuit; the plan's circuit is {test.circuit!r}"
         )
     if test.calibration is None:
-        raise RigError("[rig] must name a calibration, as in calibration = 'calibration.toml'")
+        raise RigError("[rig] must name a calibration file: calibration = 'calibration.toml'")
     calibration = read_calibration(test.calibration)
     tell_preconditions(test)
-    confirm(f"{len(STEPS)} steps of the pump. {PRESSURISE}", "started", yes=yes)
+    confirm(f"{len(STEPS)} pump steps. {PRESSURISE}", "started", yes=yes)
 
     def tell(output: int, pressure: float) -> None:
         print(f"output {output}: {pressure_text(pressure, test.unit)}", flush=True)
@@ -280,7 +280,7 @@ def calibrate_pump(
         found = calibrate_feed_forward(rig, STEPS, tell)
     update_calibration(test.calibration, "feed_forward", found)
     low, high = (pressure_text(P, test.unit) for P in found.pressure_range)
-    print(f"known from {low} to {high}, scatter {found.scatter:.2g} counts")
+    print(f"feed-forward valid from {low} to {high}, scatter {found.scatter:.2g} counts")
     print("written:", test.calibration)
     return 0
 
@@ -303,8 +303,9 @@ def run(
     First prints the safety conditions and the steps of the plan, and asks for confirmation. Writes
     `test.fam` to the output folder. At each pressure, it prompts you to start the strokes of the test
     machine and waits for them. At a terminal, type a word and press Enter: begin (or Enter alone) once the
-    strokes have begun, or to continue; pause to hold the pressure; skip or repeat this pressure; stop.
-    At the end, it prints a summary table and writes it to `test.csv` in the same folder.
+    strokes have begun, or to continue; pause to hold the pressure; skip or repeat to leave this pressure
+    or start it again; stop to end the test. At the end, the command prints a summary table and writes it
+    to `test.csv` in the same folder.
 
     Parameters
     ----------
@@ -324,7 +325,7 @@ def run(
     yes
         Skip the confirmation, for scripts.
     start
-        Event that marks the start of the strokes: `asked`, you type begin; `load`, the load moves, within
+        Event that marks the start of the strokes: `asked`, you type begin; `load`, the load changes within
         60 s; `at-once`, the prompt itself (the default without a terminal).
     units
         Units of the values: si, metric or us.
@@ -379,7 +380,7 @@ def check(journal: Path, *, json_: bool = False) -> int:
 
 
 def values(sample: Any, calibration: Any, system: str, *, wanted: float | None = None) -> str:
-    """Format the values of a record in one line.
+    """Format the values of a record on one line.
 
     Args:
         sample: record, or None.
@@ -423,7 +424,7 @@ def operator_of(calibration: Any, system: str):
                 self.due = monotonic() + every
                 now = situation
                 cycle = f" {now.cycle} of {now.cycles}" if now.cycle else ""
-                phase = "waits for the first stroke" if now.phase == "ready" else now.phase
+                phase = "waiting for the first stroke" if now.phase == "ready" else now.phase
                 self.tell(
                     f"block {now.block} (the last is {now.last_block}): {phase}{cycle}, "
                     f"{now.left:.0f} s left  "

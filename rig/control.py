@@ -51,16 +51,16 @@ SILENCE_MS, TICKS_PER_RECORD, CEILING, STILL_MS = 1000, 5, 963, 700
 ADVICE = {
     "none": "another program has stopped it",
     "silence": "it received no line for a second; check the cable and the load on this computer",
-    "over-pressure": "the pressure limit was reached, or the transducer is unplugged or lost its supply",
+    "over-pressure": "the pressure limit was reached, or the transducer is unplugged or has no supply",
     "jump": "the pressure jumped within 10 ms: a muscle or hose burst, the transducer is failing, or a "
     "small muscle fills fast; only in the last case raise jump_limit_<unit> in the plan's [rig]",
-    "stall": "the pressure did not rise at full output; check supply, hose, muscle and transducer",
+    "stall": "the pressure did not rise at full output; check the supply, hose, muscle and transducer",
     "watchdog": "its program hung; check its supply",
     "range": "a broken wire, a short, an unplugged transducer or one without supply",
     "frozen": "the reading did not follow the output: check the transducer and its line first, since the "
     "true pressure may be higher than the reading",
-    "no response": "the pressure did not follow the output: a blocked line to the transducer, no supply, "
-    "an open circuit; if the circuit is only slow, raise frozen_s in the plan's [rig]",
+    "no response": "the pressure did not follow the output: check for a blocked transducer line, no supply "
+    "or an open circuit; if the circuit is only slow, raise frozen_s in the plan's [rig]",
 }
 
 
@@ -90,14 +90,16 @@ class RigSettings:
     """Control and trip settings of a device; `firmware/README.md` gives the reasons.
 
     Attributes:
-        pressure_limit: pressure that trips [Pa gauge]; required.
+        pressure_limit: pressure at which the device trips [Pa gauge]; required.
         control: controller gains.
-        jump_limit: pressure change within 10 ms that trips [Pa]. A failing transducer jumps, but so does a
-            small muscle filled by a large valve; then a higher limit is needed and protects less.
+        jump_limit: pressure change within 10 ms that trips the device [Pa]. A failing transducer jumps, but
+            so does the pressure in a small muscle filled through a large valve; such a muscle needs a
+            higher limit, which protects less.
         frozen_output: PWM counts, 1 to 255, by which the output may exceed the holding output; 255 disables
             the check.
-        frozen: time [s], 0.1 to 2, at twice that excess without a change of the reading that trips.
-        stall: time [s], 0.5 to 30, with output or integral at its upper limit without a rise that trips.
+        frozen: time [s], 0.1 to 2, at twice that excess with an unchanged reading, until the device trips.
+        stall: time [s], 0.5 to 30, at the upper limit of output or integral without a rise, until the
+            device trips.
         unit: pressure unit in messages.
     """
 
@@ -152,7 +154,7 @@ class RigSettings:
         limit: float | None = self.pressure_limit
         if limit is None or not math.isfinite(limit) or limit <= 0:
             raise RigError(
-                f"the pressure limit must be finite and > 0, got {limit}: give the muscle's rating"
+                f"the pressure limit must be finite and > 0, got {limit}: use the muscle's rating"
             )
         counts = int(calibration.pressure.counts(limit) // READINGS)
         if not 1 <= counts <= CEILING:
@@ -171,7 +173,7 @@ class RigSettings:
             given, least, most = (pressure_text(x, self.unit) for x in values)
             raise RigError(
                 f"a jump limit of {given} is {counts} counts of the transducer; it must be "
-                f"{LEAST_JUMP} to 1023, here {least} to {most}"
+                f"{LEAST_JUMP} to 1023 counts, here {least} to {most}"
             )
         return counts
 
@@ -211,7 +213,7 @@ def _device_calibration(calibration: Calibration) -> tuple[float, float]:
 
 
 class Rig:
-    """A recorded device with a pressure limit; leaving the `with` block always vents it.
+    """Control a device with a pressure limit, and record it; leaving the `with` block always vents it.
 
     Args:
         link: link to the device.
@@ -334,7 +336,7 @@ class Rig:
                     what = f"was reset (boot {old} to {new}, cause {cause}); check its supply"
                     self.fault(f"the device {what}; it vents")
                 case Silent(seconds):
-                    what = f"is silent for {seconds:.1f} s; check the cable"
+                    what = f"has been silent for {seconds:.1f} s; check the cable"
                     self.fault(f"the device {what}; it vents by itself")
         newest, since = self.link.newest, self._active_from
         if newest is None:
@@ -345,7 +347,7 @@ class Rig:
         if newest.state == RUN and self._watch.contradicts(newest, held=held):
             self.fault(
                 "the load rises during inflow while the pressure reading is constant: the "
-                "channels are exchanged, or the transducer's line is blocked; the device vents"
+                "channels are swapped, or the transducer's line is blocked; the device vents"
             )
 
     def sync(self, seconds: float) -> None:
@@ -385,7 +387,7 @@ class Rig:
         found, wanted = lasting(stored), stored_settings(commands)
         if wrong := [f"{k} {found[k]} not {v}" for k, v in wanted.items() if found[k] != v]:
             raise RigFault(
-                f"the device did not accept its settings: {', '.join(wrong)}; upload its firmware"
+                f"the device did not accept its settings: {', '.join(wrong)}; upload the firmware"
             )
         self.unseen = tuple(unseen(calibration, alive=watch_rest(link, calibration)))
         self.note(
@@ -394,7 +396,7 @@ class Rig:
         )  # fmt: skip
 
     def _left_by_itself(self, record: Sample) -> NoReturn:
-        """Report the cause; for a trip, with the reading and the output at that moment."""
+        """Report why the device stopped; for a trip, with the reading and the output at that moment."""
         self._active_from = None
         self.link.sleep(LOOK)  # the status arrives after the record
         fault, status = FAULTS[record.fault], self.link.session.status
@@ -446,7 +448,7 @@ def acknowledge(link: AbstractLink, calibration: Calibration | None = None) -> N
 
     Args:
         link: link to the device.
-        calibration: calibration of its transducer; restores the floor that a reset device has lost.
+        calibration: calibration of its transducer, used to restore the floor that a reset device has lost.
 
     Raises:
         RigError: the device refuses, because the pressure is at the limit, the reading is out of range, or

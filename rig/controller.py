@@ -1,4 +1,4 @@
-"""The device's control in the integer arithmetic of its firmware: states, guards, law, plausibility."""
+"""The device's controller in its firmware's integer arithmetic: states, guards, law, plausibility."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -89,8 +89,8 @@ class Latch(NamedTuple):
 class DeviceControl:
     """State machine, guards and controller; `step` is called once per tick.
 
-    Guards compare raw counts before any arithmetic. Settings act from the first tick of the next record, so
-    that a single law governs each record. `stop` and the limits of the guards act immediately.
+    Guards compare raw counts before any arithmetic. Settings take effect at the first tick of the next
+    record, so that a single law governs each record. `stop` and the guards' limits take effect at once.
     """
 
     def __init__(
@@ -243,7 +243,7 @@ class DeviceControl:
         return DeviceSettings(self.boot, self.since, self.law, *guards, *frozen)
 
     def execute(self, verb: bytes, values: list[int]) -> int:
-        """Execute a command of the controller; return an index into `REASONS`."""
+        """Execute a controller command; return an index into `REASONS`."""
         match verb, values:
             case b"set" | b"gain" | b"ilim" | b"cal", _:
                 if verb == b"cal" and self.state in DRIVEN:
@@ -310,7 +310,7 @@ class DeviceControl:
 
 
 class Band:
-    """Band of the latest readings."""
+    """Band that contains the latest readings."""
 
     __slots__ = ("high", "low")
 
@@ -333,9 +333,9 @@ class Plausibility:
     """Observe the readings at rest, and check in RUN whether they follow the output.
 
     Attributes:
-        still: ticks within `WIDE_BAND` after which a varying reading trips; longer if it varies less.
+        still: ticks within `WIDE_BAND` after which a varying reading trips; more if it varies less.
         frozen: PWM counts by which the output may exceed the holding output.
-        frozen_ticks: ticks at twice that excess after which it trips; fewer at a larger excess.
+        frozen_ticks: ticks at twice that excess after which the device trips; fewer at a larger excess.
         alive: `NOT_KNOWN`, `QUIET` or `ALIVE`.
     """
 
@@ -351,7 +351,7 @@ class Plausibility:
         self._leapt = False
 
     def enter(self, reading: int, recent: Sequence[int]) -> None:
-        """Switch the output on; `recent` are the last five readings, `reading` the last."""
+        """Switch the output on; `recent` holds the last five readings and `reading` the latest."""
         self._close.low = self._close.high = reading
         self._held = self._settled = self._still_ticks = self._close_ticks = 0
         self._push = self._wound_push = 0
@@ -365,13 +365,13 @@ class Plausibility:
     def change(
         self, before: ControlLaw, law: ControlLaw, trip: int, integral: int, recent: Sequence[int]
     ) -> None:
-        """Apply another law or limit; the pressure must respond to a higher set point."""
+        """Apply a new law or limit; the pressure must respond to a higher set point."""
         if law.set_point >= before.set_point + STEP_SIZE and self._asked == NOTHING:
             self._expect_answer(STEP, integral, recent)
         self._headroom = -pressure_error(law, trip)
 
     def watch(self, reading: int) -> None:
-        """Observe a reading at rest; only freezing of a varying reading can be detected."""
+        """Observe a reading at rest; a freeze can be detected only if the reading varies."""
         if self._watch_ticks == 0:
             self._watch_from, self._moves = reading, 0
         self._moves += self._wide.left(reading, REST_BAND)

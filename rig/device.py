@@ -1,4 +1,4 @@
-"""The firmware in Python, a device without hardware; its bytes are identical to those of the C core."""
+"""The firmware in Python: a device without hardware that sends the same bytes as the C core."""
 
 import re
 import struct
@@ -70,7 +70,7 @@ class Device:
     tick reads at most one line, answers in the same tick and sends `bytes_per_tick` bytes.
 
     Args:
-        eeprom: eight bytes that survive the device: boot counter, latched trip (fault, output, counts) and
+        eeprom: eight bytes that outlast the device: boot counter, latched trip (fault, output, counts) and
             board number. A shorter array keeps only the first of them. None for a blank memory.
         ring: number of records that can be repeated, 1 to 1024.
         bytes_per_tick: bytes sent in 2 ms: 21 at 115200 baud, 91 at 500000.
@@ -147,7 +147,7 @@ class Device:
         return self._control.latch.board
 
     def feed(self, data: bytes) -> None:
-        """Receive bytes; bytes beyond `RECEIVE_LIMIT` unread ones are lost and counted."""
+        """Receive bytes; those in excess of `RECEIVE_LIMIT` unread bytes are lost and counted."""
         room = RECEIVE_LIMIT - len(self._received)
         self._received += data[:room]
         self._overrun = (self._overrun + max(len(data) - room, 0)) & 0xFFFF
@@ -158,7 +158,7 @@ class Device:
         return sent
 
     def tick(self, pressure_counts: int, force_counts: int) -> None:
-        """Run one tick of 2 ms with readings of the converter, 0 to 1023 each."""
+        """Run one 2 ms tick with the converter's readings, 0 to 1023 each."""
         control, sending = self._control, self._sending
         record = control.step(pressure_counts, force_counts)
         if record is not None:
@@ -216,7 +216,7 @@ class Device:
             self._send("P", boot, since, *law, *limits)
 
     def _repeat(self) -> None:
-        """Send the next requested record; report once per request that some are no longer stored."""
+        """Send the next requested record; if some are no longer stored, report that once per request."""
         seq, kept = self._control.seq, len(self._ring)
         while self._mask:
             wanted, age = self._mask & 1, (seq - self._base) & COUNTER
@@ -296,7 +296,7 @@ class Memory:
         self.latch = Latch(*latch)
 
     def store(self, boot: int, latch: Latch) -> None:
-        """Store both."""
+        """Store the boot counter and the latch."""
         self.boot, self.latch = boot, latch
         self._eeprom[:] = _MEMORY.pack(boot, *latch)[: len(self._eeprom)]
 

@@ -1,4 +1,4 @@
-"""Exceptions of the rig: invalid input, and faults that stop a test."""
+"""Exceptions raised by the rig: invalid input, and faults that stop a test."""
 
 from famjax.boundary.errors import InputError
 
@@ -8,4 +8,4 @@ class RigError(InputError):
 
 
 class RigFault(RuntimeError):  # noqa: N818 -- the device's own term
-    """Fault of the device, the link or the recorder; the rig vents within a second."""
+    """Fault in the device, the link or the recorder; the rig vents within a second."""

@@ -84,7 +84,7 @@ def prepare(test: PlanFile, folder: str | Path, *, resume: bool = False) -> tupl
             another test.
     """
     if test.calibration is None:
-        raise RigError("[rig] must name a calibration, as in calibration = 'calibration.toml'")
+        raise RigError("[rig] must name a calibration file: calibration = 'calibration.toml'")
     calibration, journal = read_calibration(test.calibration), Path(folder) / JOURNAL
     first = _resumed_block(read_journal(journal), test, calibration) if resume else 0
     _check(test, calibration, first)
@@ -95,7 +95,7 @@ def _check(test: PlanFile, calibration: Calibration, first_block: int) -> None:
     """Validate a test.
 
     A water circuit needs a feed-forward that depends on pressure: a pump at half speed holds a fixed
-    pressure, 39 psi in the simulated circuit, whatever is set.
+    pressure, 39 psi in the simulated circuit, whatever the set pressure.
     """
     if test.circuit == "water" and not any(calibration.feed_forward.coefficients[1:]):
         raise RigError(
@@ -152,7 +152,7 @@ def record_test(
 
     Raises:
         RigError: see `Journal`, `Rig` and `run`.
-        RigFault: the test was stopped; the rig is vented.
+        RigFault: the test was stopped; the rig has vented.
     """
     _check(test, calibration, first_block)
     attendant, seconds = attendant or Attendant(), test.plan.duration(first_block)
@@ -221,7 +221,7 @@ def check_plan(
         set_, limit = (pressure_text(P, settings.unit) for P in (highest, settings.pressure_limit))
         raise RigError(
             f"the plan sets {set_}, but the limit is {limit}: lower the pressure, or raise the limit if "
-            "muscle and circuit are rated for it"
+            "the muscle and the circuit are rated for it"
         )
     for pressure in pressures:
         calibration.feed_forward.output(pressure, settings.unit)
@@ -287,7 +287,7 @@ class _Run:
         self._strokes()
 
     def _begins(self) -> float:
-        """Return the start of the pressure ramp [Pa], within the range of the feed-forward."""
+        """Return the pressure at which the ramp starts [Pa], within the range of the feed-forward."""
         last, known = self._rig.set_point, self._rig.calibration.feed_forward.pressure_range[0]
         return max(0.0 if math.isnan(last) else last, known)
 
@@ -334,7 +334,7 @@ class _Run:
                 )
 
     def _load_left(self, before: list[float]) -> bool:
-        """Return True if the latest load differs from its earlier range by more than its spread."""
+        """Return True if the latest load lies outside its earlier range by more than the range's width."""
         now = math.fsum(list(self._loads)[-5:]) / 5
         spread = max(before) - min(before)
         return not min(before) - spread <= now <= max(before) + spread
@@ -346,7 +346,7 @@ class _Run:
         return abs(math.fsum(seen) / len(seen) - self._rig.set_point) <= HELD
 
     def _look(self, phase: Phase, seconds: float, cycle: int = 0) -> Request:
-        """Wait for one poll at most, and handle the attendant's request.
+        """Wait for at most one poll, and handle the attendant's request.
 
         The plan's clock stops during pauses and while waiting for the first stroke.
 
@@ -399,7 +399,7 @@ def calibrate_feed_forward(
 
     Args:
         rig: entered rig.
-        outputs: output steps [counts, 0..255]; stepping up and down shows hysteresis as scatter.
+        outputs: output steps [counts, 0..255]; stepping up and down reveals hysteresis as scatter.
         tell: called after each step with output [counts] and pressure [Pa].
 
     Returns:

@@ -1,13 +1,13 @@
-"""Test records: written line by line, verified on reading, and checked against the control law.
+"""Test journals: written line by line, verified on reading, and checked against the control law.
 
-The file is append-only text: the device's own lines verbatim, and notes as JSON with the same CRC.
+A journal is an append-only text file: the device's lines verbatim, and notes as JSON with the same CRC.
 
     {"note":"set","n":12,"at":3.20112,"pressure_Pa":275790.3}*5A1C
     T,...*09F2
 
-`Journal` passes queued data to the kernel within milliseconds, so killing the process loses no more than
-that, and syncs it to the disk within about a second. Neither blocks the caller. `read_journal` reads all
-verifiable lines and lists what is missing; `audit` recomputes the control law.
+`Journal` passes queued data to the kernel within milliseconds, so that no more than that is lost if the
+process is killed, and syncs it to the disk within about a second. Neither blocks the caller. `read_journal`
+reads all verifiable lines and lists what is missing; `audit` recomputes the control law.
 """
 
 import contextlib
@@ -59,21 +59,21 @@ _sync_data: Callable[[int], None] = getattr(os, "fdatasync", os.fsync)
 
 
 class Journal(contextlib.AbstractContextManager):
-    """A journal that is being written.
+    """A journal open for writing.
 
     Lines and notes may be queued from any thread and keep their order. One thread writes them to
-    the kernel at once; a second one syncs the file to the disk every `SYNC_PERIOD`.
+    the kernel at once; a second thread syncs the file to the disk every `SYNC_PERIOD`.
 
     Args:
-        path: the file; created, or with `append` continued after its last complete line.
-        now: the clock of the notes [s].
+        path: path of the file; created, or with `append` continued after its last complete line.
+        now: function that returns the time for notes [s].
         append: continue an existing journal.
         plan_seconds: expected duration [s]; the disk must have room for three times its records.
-        began: date of the recording, of a simulated one; now if None.
+        began: start time of a simulated recording; None for now.
 
     Raises:
-        RigError: the file exists (or does not, with `append`), its folder cannot be written, or the
-            disk has too little room for the plan.
+        RigError: the file exists (or, with `append`, does not exist), its folder cannot be written to,
+            or the disk has too little space for the plan.
     """
 
     def __init__(
@@ -110,12 +110,12 @@ class Journal(contextlib.AbstractContextManager):
         self.close()
 
     def lines(self, data: bytes) -> None:
-        """Queue verified lines of the device, with their line ends."""
+        """Queue verified lines from the device, with their line ends."""
         with self._lock:
             self._put(data)
 
     def note(self, kind: str, /, **fields: Any) -> None:
-        """Queue a note; every field must be JSON, numbers finite, units in the names."""
+        """Queue a note; fields must be JSON values with finite numbers, and have units in their names."""
         with self._lock:
             content = {"note": kind, "n": self._notes, "at": round(self._now(), 6), **fields}
             text = json.dumps(content, allow_nan=False, separators=(",", ":"))
@@ -124,7 +124,7 @@ class Journal(contextlib.AbstractContextManager):
 
     @property
     def waiting(self) -> int:
-        """Bytes that are queued and not yet in the kernel."""
+        """Number of queued bytes that have not yet reached the kernel."""
         return self._queued - self._written
 
     def check(self) -> None:
@@ -137,7 +137,7 @@ class Journal(contextlib.AbstractContextManager):
             raise RigFault(self._failure)
         if self.waiting > BACKLOG_LIMIT:
             raise RigFault(
-                f"{self.waiting / 1e6:.1f} MB are waiting for the disk of {self.path}: use a local disk"
+                f"{self.waiting / 1e6:.1f} MB are waiting to be written to {self.path}: use a local disk"
             )
 
     def close(self) -> None:
@@ -163,7 +163,7 @@ class Journal(contextlib.AbstractContextManager):
             self._queue.put(data)
 
     def _write(self) -> None:
-        """Write all that is queued in one call: in virtual time one call per line is too slow."""
+        """Write all queued data in one call, because one call per line is too slow in virtual time."""
         waiting: list[bytes | None] = []
         while not waiting or waiting[-1] is not None:  # nothing comes after None
             waiting = [self._queue.get()]
@@ -212,10 +212,10 @@ class Missing(NamedTuple):
     """Records that are not in the file: first <= seq < first + records.
 
     Attributes:
-        epoch: the device's boots in the file, counted from 0.
+        epoch: index of the device's boot in the file, from 0.
         first: number of the first record.
-        records: how many.
-        noted: whether the recorder knew: the line lost them. If not, the file did.
+        records: number of records.
+        noted: True if the recorder noted that the serial line lost them; False if the file lost them.
     """
 
     epoch: int
@@ -229,20 +229,20 @@ class Record:
     """The contents of a journal.
 
     Attributes:
-        path: the file.
+        path: path of the file.
         rows: one row of counts for each record, columns as in `COLUMNS`, ordered by epoch and number,
-            int64, shape (n, 9). Ticks go on beyond the device's counter, which wraps.
-        epoch: of each row, shape (n,): the device's boots in this file, counted from 0.
-        notes: in their order.
-        note_parts: the part of the recording of each note, counted from 0: a recording that was
-            resumed has two, and their clocks may differ.
-        epoch_parts: the part of each epoch.
-        settings: (epoch, what the device controlled with), in the order of the file.
-        missing: records that are missing.
-        missing_notes: how many notes are missing.
-        damaged_bytes: how many bytes could not be verified, but for a line that was cut when a recording
-            was killed that was then resumed.
-        refused: (epoch, seq) of rows whose CRC is right but that contradict their neighbours.
+            int64, shape (n, 9). Ticks keep increasing where the device's counter wraps.
+        epoch: epoch of each row, the index of the device's boot in this file, from 0, shape (n,).
+        notes: notes, in order.
+        note_parts: part of the recording to which each note belongs, from 0. A recording that was
+            resumed has two parts, whose clocks may differ.
+        epoch_parts: part of the recording to which each epoch belongs.
+        settings: (epoch, settings of the device), in file order.
+        missing: missing records.
+        missing_notes: number of missing notes.
+        damaged_bytes: number of bytes that could not be verified, not counting a line cut short when a
+            recording was killed, if it was resumed later.
+        refused: (epoch, seq) of rows that have a correct CRC but contradict their neighbours.
     """
 
     path: Path
@@ -258,11 +258,11 @@ class Record:
     refused: tuple[tuple[int, int], ...]
 
     def column(self, name: str) -> NDArray[np.int64]:
-        """One column of `COLUMNS`, shape (n,)."""
+        """Return one of the `COLUMNS`, shape (n,)."""
         return self.rows[:, COLUMNS.index(name)]
 
     def governing(self) -> NDArray[np.int64]:
-        """For each row, the index of its settings in `settings`; -1 if not known."""
+        """Return the index in `settings` of the settings that govern each row; -1 if unknown."""
         index = np.full(len(self.rows), -1)
         order = sorted(range(len(self.settings)), key=lambda k: self.settings[k][1].since)
         for epoch in {epoch for epoch, _ in self.settings}:
@@ -274,7 +274,7 @@ class Record:
         return index
 
     def notes_of(self, kind: str) -> list[dict[str, Any]]:
-        """The notes of one kind, in order."""
+        """Return the notes of one kind, in order."""
         return [note for note in self.notes if note["note"] == kind]
 
 
@@ -284,10 +284,10 @@ def read_journal(path: str | Path) -> Record:
     A line is accepted if its CRC is correct, and a row if it is also consistent with its neighbours.
 
     Args:
-        path: the journal.
+        path: path of the journal.
 
     Returns:
-        The verified rows in order, the notes, and a list of all that is missing.
+        The verified rows in order, the notes, and a list of everything that is missing.
 
     Raises:
         RigError: the file cannot be read, or contains no verifiable line.
@@ -302,7 +302,9 @@ def read_journal(path: str | Path) -> Record:
         raise RigError(f"{path} is not a journal: none of its {len(data)} bytes can be verified")
     for note in found.notes:
         if note["note"] == "journal" and note.get("format") != FORMAT:
-            raise RigError(f"{path} has the format {note.get('format')!r}; this reads {FORMAT!r}")
+            raise RigError(
+                f"{path} has the format {note.get('format')!r}; this version reads {FORMAT!r}"
+            )
     rows = np.array(found.numbers, np.int64).reshape(-1, len(COLUMNS))
     epoch = np.array(found.epochs, np.int64)
     parts = np.array([*found.epoch_parts, 0], np.int64)[epoch]
@@ -315,24 +317,24 @@ def read_journal(path: str | Path) -> Record:
 
 
 def stored_calibration(record: Record) -> Calibration:
-    """The calibration stored in a journal.
+    """Return the calibration stored in a journal.
 
     Raises:
-        RigError: the journal has none.
+        RigError: the journal contains no calibration.
     """
     notes = record.notes_of("rig")
     if not notes:
-        raise RigError(f"{record.path} contains no calibration: give one")
+        raise RigError(f"{record.path} contains no calibration: provide one")
     return calibration_from_dict(notes[-1]["calibration"])
 
 
 def summary(record: Record) -> list[dict[str, Any]]:
-    """One row for each set pressure of the plan: what was held, and what was done.
+    """Return one row for each set pressure of the plan, with the pressure held and the strokes completed.
 
     Returns:
         Rows of block, set pressure [Pa], mean and root-mean-square error of the pressure [Pa] during
-        the strokes (nan where there were none), strokes there and back that were completed, trips of
-        the device, and whether the block was completed.
+        the strokes (nan if there were none), number of strokes there and back that were completed,
+        number of device trips, and whether the block was completed.
     """
     rows: list[dict[str, Any]] = []
     begun: dict[str, Any] = {}
@@ -358,7 +360,7 @@ def summary(record: Record) -> list[dict[str, Any]]:
 def _held(
     record: Record, part: int, begun: dict[str, Any], end: float, wanted: float
 ) -> dict[str, Any]:
-    """Pressure and whole strokes from the record that a note names to another one."""
+    """Return the mean pressure, its error and whole strokes, from note `begun` to record `end`."""
     epoch = max((e for e, at in enumerate(record.epoch_parts) if at == part), default=-1)
     seq = record.column("seq")
     mine = (record.epoch == epoch) & (seq > begun["seq"]) & (seq <= end)
@@ -375,7 +377,7 @@ def _held(
 
 
 def write_summary(journal: Path, unit: str) -> list[str]:
-    """Write the summary of a journal as CSV next to it; return it as text lines in a pressure unit."""
+    """Write a journal's summary next to it as CSV; return it as lines of text in a pressure unit."""
     rows = summary(read_journal(journal))
     with journal.with_suffix(".csv").open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, rows[0] if rows else ())
@@ -391,17 +393,17 @@ def write_summary(journal: Path, unit: str) -> list[str]:
 
 
 class _Lines:
-    """The lines of a journal one by one: what can be verified, and where the rest is.
+    """Parse the lines of a journal one by one, and separate what can be verified from the rest.
 
     Args:
-        data: the whole file.
+        data: contents of the whole file.
 
     Attributes:
-        numbers: the records in the order of the file, field after field.
-        epochs: of each record: the device's boots in the file, counted from 0.
-        losses: (epoch, first, records) that the recorder noted.
-        notes, note_parts, epoch_parts, settings, damaged_bytes: as in `Record`. A part of the recording
-            begins with a "journal" note.
+        numbers: fields of all records, one after another, in file order.
+        epochs: epoch of each record, the index of the device's boot in the file, from 0.
+        losses: (epoch, first, records) of losses that the recorder noted.
+        notes, note_parts, epoch_parts, settings, damaged_bytes: as in `Record`. Each part of the
+            recording begins with a "journal" note.
     """
 
     def __init__(self, data: bytes) -> None:
@@ -431,7 +433,7 @@ class _Lines:
         self.missing_notes = sum(max(part) + 1 - len(part) for part in self._numbers if part)
 
     def _take(self, line: bytes) -> bool:
-        """Take one line; whether it could be verified."""
+        """Process one line; return True if it could be verified."""
         if line.startswith(b"{"):
             note = _note(line)
             if note is not None and line not in self._seen:  # else a page is duplicated
@@ -451,9 +453,9 @@ class _Lines:
         return message is not None
 
     def _enter(self, boot: int) -> None:
-        """Go to the epoch of a boot: the last one of this part with its number, or a new one.
+        """Switch to the epoch of a boot: the last one in this part with that number, or a new one.
 
-        A page that is in the file twice returns to its own epoch.
+        A page that appears twice in the file returns to its own epoch.
         """
         for epoch in range(len(self._boots) - 1, self._first - 1, -1):
             if self._boots[epoch] == boot:
@@ -480,7 +482,7 @@ class _Lines:
 
 
 def _note(line: bytes) -> dict[str, Any] | None:
-    """A note whose CRC is right."""
+    """Return the note in a line, or None if its CRC or form is wrong."""
     body, _, digits = line.rpartition(b"*")
     try:
         note = json.loads(body) if digits == b"%04X" % crc16(body) else None
@@ -493,7 +495,7 @@ def _note(line: bytes) -> dict[str, Any] | None:
 def _in_order(
     rows: NDArray[np.int64], epoch: NDArray[np.int64], parts: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], tuple[tuple[int, int], ...]]:
-    """Rows by epoch and number, each once; those that contradict another are left out and listed."""
+    """Return the rows by epoch and number, each once, and a list of contradictory rows left out."""
     if np.unique(epoch).size > np.unique(rows[:, 0]).size:
         # Two boots have one number: a page may be in the file twice.
         _, first = np.unique(np.column_stack((parts, rows)), axis=0, return_index=True)
@@ -512,7 +514,7 @@ def _in_order(
 
 
 def _unwrapped(rows: NDArray[np.int64], epoch: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Rows whose ticks go on where the device's counter began again from 0."""
+    """Return the rows with ticks that keep increasing where the device's counter wrapped to 0."""
     back = np.rint(-np.diff(rows[:, 2], prepend=rows[:1, 2]) / TICKS).astype(np.int64)
     total = np.cumsum(np.where(np.diff(epoch, prepend=epoch[:1]) == 0, back, 0))
     # What an epoch has wrapped does not concern the next.
@@ -521,7 +523,7 @@ def _unwrapped(rows: NDArray[np.int64], epoch: NDArray[np.int64]) -> NDArray[np.
 
 
 def _off_grid(rows: NDArray[np.int64], epoch: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Rows whose ticks per record disagree with what comes before and with what comes after."""
+    """Return True for rows whose ticks per record differ from those before and from those after."""
     bad = np.zeros(len(rows), bool)
     if len(rows) < 4:
         return bad
@@ -539,7 +541,7 @@ def _off_grid(rows: NDArray[np.int64], epoch: NDArray[np.int64]) -> NDArray[np.b
 def _missing(
     rows: NDArray[np.int64], epoch: NDArray[np.int64], losses: list[tuple[int, int, int]]
 ) -> tuple[Missing, ...]:
-    """The gaps between the rows of each epoch, split into what the recorder noted and the rest."""
+    """Return the gaps between the rows of each epoch, split into noted losses and the rest."""
     found: list[Missing] = []
     for e in np.unique(epoch).tolist():
         seq = rows[epoch == e, 1]
@@ -563,16 +565,16 @@ class Audit:
 
     Attributes:
         records: rows in the journal.
-        lost: records that the line lost, as the recorder noted.
-        torn: records that the file lost, without a note.
-        missing_notes: notes that the file lost.
-        damaged_bytes: bytes of the file that cannot be verified.
+        lost: records lost on the serial line, as noted by the recorder.
+        torn: records missing from the file without such a note.
+        missing_notes: notes missing from the file.
+        damaged_bytes: bytes in the file that cannot be verified.
         refused: rows that contradict their neighbours.
         checked: records whose output and integral were recomputed.
-        equal: those that came out as recorded.
-        unchecked: records in RUN whose law or whose predecessor is not known.
-        first_wrong: (epoch, seq) of the first record that did not, or None.
-        ended: reason in the "end" note of the last part, or None where the recording was cut off.
+        equal: checked records whose recomputed values agree with the recorded ones.
+        unchecked: records in RUN whose law or predecessor is unknown.
+        first_wrong: (epoch, seq) of the first record that disagrees, or None.
+        ended: reason in the "end" note of the last part, or None if the recording was cut off.
     """
 
     records: int
@@ -594,14 +596,14 @@ class Audit:
 
     @property
     def faults(self) -> list[str]:
-        """Reasons why the record is not sound."""
+        """Reasons why the journal is not sound."""
         wrong, (_, at) = self.checked - self.equal, self.first_wrong or (0, 0)
         found = {
-            f"the file lost {self.torn} records": self.torn,
-            f"the file lost {self.missing_notes} notes": self.missing_notes,
+            f"records missing from the file: {self.torn}": self.torn,
+            f"notes missing from the file: {self.missing_notes}": self.missing_notes,
             f"{self.damaged_bytes} bytes are damaged": self.damaged_bytes,
             f"{self.refused} rows contradict their neighbours": self.refused,
-            f"{wrong} records do not follow the control law, the first is record {at}": wrong,
+            f"{wrong} records do not follow the control law, starting with record {at}": wrong,
             "the recording was cut off": self.ended is None,
         }
         return [text for text, number in found.items() if number]
@@ -616,10 +618,11 @@ def audit(record: Record) -> Audit:
     """Recompute the control law from every recorded sample, and list all missing data.
 
     In RUN, the integral must follow from the previous one and the sum of the pressure counts, and the
-    output from the integral and the last count. In MAN the integral must be zero, in the other states both.
+    output from the integral and the last count. In MAN the integral must be zero; in SAFE and TRIP, the
+    integral and the output.
 
     Args:
-        record: journal as read.
+        record: contents of the journal.
     """
     right, known = _recomputed(record)
     wrong = np.flatnonzero(known & ~right)[:1]
@@ -642,7 +645,7 @@ def audit(record: Record) -> Audit:
 
 
 def _recomputed(record: Record) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Rows whose recomputed output equals the recorded one, and rows that could be recomputed."""
+    """Return masks of rows whose recomputed values agree, and of rows that could be recomputed."""
     right, known = np.zeros(len(record.rows), bool), np.ones(len(record.rows), bool)
     last = (-1, -1, 0, -1)  # epoch, seq, integral, state
     laws = [settings for _, settings in record.settings]

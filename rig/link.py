@@ -1,9 +1,9 @@
-"""The connection to a device: the host's side of the protocol, recorded.
+"""Connection to a device: the host's side of the protocol, with recording.
 
 `Session` has no clock and no thread: it takes bytes and times, and returns bytes and events. Every record
 is returned once. Missing records are requested again, and doubtful ones must be confirmed. A command is
-sent until it is answered. Heartbeats continue only while a test is supervised. `Link` runs a session over a
-real port in real time, `VirtualLink` over a simulated rig in virtual time.
+repeated until it is answered. Heartbeats continue only while a test is supervised. `Link` runs a session
+over a real port in real time, `VirtualLink` over a simulated rig in virtual time.
 """
 
 import abc
@@ -56,7 +56,7 @@ SLICE = 0.004  # s between two exchanges of bytes, the resolution of heartbeats 
 
 
 class Lost(NamedTuple):
-    """Records that are lost: first <= seq < first + records of that boot."""
+    """Lost records of one boot: first <= seq < first + records."""
 
     boot: int
     first: int
@@ -72,7 +72,7 @@ class Reset(NamedTuple):
 
 
 class Silent(NamedTuple):
-    """A number of seconds without a verified line; one event per silence."""
+    """Seconds without a verified line; one event per silence."""
 
     seconds: float
 
@@ -98,7 +98,7 @@ class Command:
         id: number of the command; the device answers a repeated number without executing it again.
         verb: verb of the command.
         line: line sent to the device.
-        answer: answer of the device, None until it arrives.
+        answer: the device's answer, None until it arrives.
         failure: reason why no answer is expected; None if one may arrive.
         sent_at: time of the first transmission [s].
     """
@@ -121,7 +121,7 @@ class Session:
 
     A record is doubtful if its tick does not follow from the newest record, or, after a damaged line, if a
     value jumps. It is accepted only if the next record follows from it, or if the same line arrives twice.
-    A CRC of 16 bits alone accepts one in 65 536 damaged lines.
+    A 16-bit CRC alone accepts one in 65 536 damaged lines.
 
     Args:
         first_id: number of the first command. The device remembers the last command it executed, even from
@@ -169,7 +169,7 @@ class Session:
         self._earliest = (math.inf, 0, 0.0)
 
     def feed(self, data: bytes, now: float) -> list[Event]:
-        """Return the events in `data`, received by host time `now` [s]; also to be called without data."""
+        """Return the events in `data`, received by host time `now` [s]; call it even without data."""
         for line in self._splitter.feed(data) if data else ():
             message = parse(line)
             if message is None:
@@ -199,7 +199,7 @@ class Session:
         return events
 
     def take_lines(self) -> bytes:
-        """Return the verified lines since the last call, verbatim, each once, for the journal."""
+        """Return the lines verified since the last call, verbatim, each once, for the journal."""
         data = b"".join(self._lines)
         self._lines.clear()
         return data
@@ -215,7 +215,7 @@ class Session:
         return self.settings is not None and self._settings_due is None
 
     def idle(self, now: float) -> bool:
-        """Return True if `feed` and `poll` have nothing to do at host time `now` [s] without a new line."""
+        """Return True if `feed` and `poll` have nothing to do at time `now` [s] until a line arrives."""
         quiet = self._heard_at is not None and now - self._heard_at < SILENCE
         waits = self._settings_due is not None or self._command or self.gaps
         return quiet and not waits and now < self._beat_at + HEARTBEAT
@@ -228,25 +228,25 @@ class Session:
         """
         if not all(isinstance(value, str) or math.isfinite(value) for value in values):
             raise RigError(f"{verb} requires finite numbers, got {values}")
-        self._abandon("another command was given before its answer")
+        self._abandon("another command was sent before this one was answered")
         self._id = self._id % _LAST_ID + 1  # 0 is for lines without an answer
         line = frame(command_body(self._id, verb, *values))
         self._command, self._retry_at = Command(self._id, verb, line), -math.inf
         return self._command
 
     def keep_alive(self, now: float) -> None:
-        """Extend the heartbeats by `ALIVE` seconds."""
+        """Extend the heartbeat deadline to `ALIVE` seconds from now."""
         self._alive_until = now + ALIVE
 
     def rest(self) -> None:
-        """Stop the heartbeats, so that the device vents within its limit of silence."""
+        """Stop the heartbeats, so that the device vents within its silence limit."""
         self._alive_until = -math.inf
 
     def poll(self, now: float) -> bytes:
         """Return the bytes to send at host time `now` [s]: heartbeat, command, request for records.
 
         Any line counts as a sign of life. While the device drives its output, the session therefore sends
-        nothing by itself after the last heartbeat.
+        nothing on its own after the last heartbeat.
         """
         out = b""
         if self._beat_at + HEARTBEAT <= now < self._alive_until:
@@ -269,7 +269,7 @@ class Session:
         A request is a bit mask that replaces the previous one. The device repeats the records in ascending
         order at its own pace. Each request therefore omits records that should be on their way. Records
         that will soon be overwritten are always requested, because requests can be damaged as well. With
-        1 % of the bytes damaged, nothing simpler suffices.
+        1 % of the bytes damaged, no simpler scheme suffices.
         """
         if now - self._last_request < SPACING - 1e-9:
             return b""
@@ -335,7 +335,7 @@ class Session:
             self._settings_due = answer.seq
 
     def _set_pace(self, ticks_per_record: int) -> None:
-        """Compute the device's pace from the capacity of the line beyond new records."""
+        """Compute the device's pace of repetition from the line capacity that new records leave free."""
         if self.hello is not None:
             left = max(self.hello.bytes_per_tick - self._line_bytes / ticks_per_record, 1.0)
             self._pace = max(1.0, self._line_bytes / left) / self.hello.tick_hz
@@ -407,7 +407,7 @@ class Session:
         return False
 
     def _take_stray(self, sample: Sample, line: bytes, now: float) -> None:
-        """Process a record of an unknown boot; two consecutive records begin the boot."""
+        """Process a record from an unknown boot; two consecutive records establish the boot."""
         before, self._candidate = self._candidate, (sample, line)
         if before is None or not _follows(sample, before[0]):
             return
@@ -462,14 +462,14 @@ class Session:
 
 
 def _has_jumped(sample: Sample, other: Sample) -> bool:
-    """Return True if the state differs, or a value by more than the distance of the records allows."""
+    """Return True if the state differs, or a value by more than the distance between records allows."""
     times = 1 + abs(sample.seq - other.seq) // 4
     pairs = zip(sample[3:8], other[3:8], _JUMP, strict=True)
     return sample.flags != other.flags or any(abs(a - b) > times * most for a, b, most in pairs)
 
 
 def _follows(sample: Sample, before: Sample) -> bool:
-    """Return True if a record can follow shortly after another, at any rate of records."""
+    """Return True if a record can follow shortly after another, at any record rate."""
     records, ticks = sample.seq - before.seq, (sample.tick - before.tick) % TICKS
     return (
         sample.boot == before.boot
@@ -483,7 +483,7 @@ def _follows(sample: Sample, before: Sample) -> bool:
 class AbstractLink(contextlib.AbstractContextManager):
     """A session with its recording; a subclass adds transport and clock.
 
-    All waiting is done by `sleep`, so that a plan runs in real and in virtual time. All methods except
+    All waiting is done by `sleep`, so that a plan can run in real or virtual time. All methods except
     `close` may be called from any thread.
 
     Args:
@@ -529,7 +529,7 @@ class AbstractLink(contextlib.AbstractContextManager):
         return self.session.newest
 
     def attach(self, journal: Journal | None) -> None:
-        """Record to a journal from now on. None detaches it, which is required before it is closed."""
+        """Record to a journal from now on; use None to detach the journal before closing it."""
         with self._lock:
             self._journal = journal
 
@@ -537,7 +537,7 @@ class AbstractLink(contextlib.AbstractContextManager):
         """Raise if the link or the recording has failed.
 
         Raises:
-            RigFault: the link has ended, or as `Journal.check`.
+            RigFault: the link has closed, or see `Journal.check`.
         """
         if not self.running:
             raise RigFault("the link has closed; the device vents by itself")
@@ -545,7 +545,7 @@ class AbstractLink(contextlib.AbstractContextManager):
             self._journal.check()
 
     def keep_alive(self) -> None:
-        """Extend the heartbeats by five seconds; only the code that supervises the test does so."""
+        """Extend the heartbeat deadline to five seconds from now; for code that supervises the test."""
         with self._lock:
             self.session.keep_alive(self.now)
 
@@ -569,13 +569,13 @@ class AbstractLink(contextlib.AbstractContextManager):
             self.sleep(SLICE)
         said = " ".join([verb, *map(str, values)])
         if command.answer is None:
-            raise RigFault(f"{said!r} failed: {command.failure}; check cable and supply")
+            raise RigFault(f"{said!r} failed: {command.failure}; check the cable and the supply")
         if command.answer.seq is None:
             raise RigError(f"the device refuses {said!r}: {command.answer.reason}")
         return command.answer
 
     def settle(self, seconds: float) -> None:
-        """Wait up to a time [s] for missing records, which are then reported as lost."""
+        """Wait up to this time [s] for missing records, then report those still missing as lost."""
         until = self.now + seconds
         while self.running and self.session.gaps and self.now < until:
             self.sleep(SLICE)
@@ -631,8 +631,8 @@ def serial_opener(path: str, baud: int = 115200) -> Callable[[], Any]:
 class Link(AbstractLink):
     """A link over a real port, in real time; one thread owns the port.
 
-    If the port disappears, it is opened again when it is back. Meanwhile records and heartbeats are
-    missing, and a running device vents within its limit of silence.
+    If the port disappears, it is reopened when it returns. Meanwhile records and heartbeats are missing,
+    and a running device vents within its silence limit.
 
     Args:
         opener: function that opens the port, such as that of `serial_opener`. The port has `in_waiting`,
@@ -669,7 +669,7 @@ class Link(AbstractLink):
         return self._thread.is_alive()
 
     def sleep(self, seconds: float) -> None:
-        """Wait while the thread runs."""
+        """Wait for a time [s] while the thread runs."""
         time.sleep(max(seconds, 0.0))
 
     def close(self) -> None:
@@ -746,7 +746,7 @@ class VirtualLink(AbstractLink):
 def mean_counts(
     link: AbstractLink, seconds: float, wait: Callable[[float], None] | None = None
 ) -> tuple[float, float]:
-    """Return the mean sums of five readings of pressure and force [counts] over a time [s].
+    """Return the pressure and force counts (sums of five readings), averaged over a time [s].
 
     Args:
         link: link to the device, after its hello, in any state; nothing is sent.

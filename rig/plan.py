@@ -158,7 +158,7 @@ def _refuse_decimal_commas(path: str | Path) -> None:
         )
         if any(tight) and (not all(tight) or short):
             raise RigError(
-                f"{path}: {name} = [{items.strip()}] seems to contain decimal commas: use a decimal point, "
+                f"{path}: {name} = [{items.strip()}] seems to contain decimal commas: use decimal points, "
                 "as in 20.5, and a space after each comma"
             )
 

@@ -1,7 +1,7 @@
 """The protocol: lines with a CRC, messages, and the control law in integer arithmetic.
 
-Each line of the device, and each line of the host after `strict 1`, ends with `*HHHH`, the CRC-16 of the
-text before the asterisk. `firmware/README.md` lists the lines and their fields.
+Each line from the device, and each line from the host after `strict 1`, ends with `*HHHH`, the CRC-16
+of the text before the asterisk. `firmware/README.md` lists the lines and their fields.
 
 The controller is PI with feed-forward: u = v + Kp e + I, dI/dt = Ki e, e = set point - measured
 pressure. The C core, its Python port and the audit of a record compute the same integers, so the output of
@@ -168,15 +168,15 @@ class DeviceStatus(NamedTuple):
         state: as in `Sample`.
         fault: as in `Sample`.
         pressure_count: last pressure count.
-        bad: lines of the host that were refused: CRC, length, or no CRC after `strict 1`.
-        good: lines of the host that were accepted.
-        overrun: bytes of the host that were lost for lack of space.
-        dropped: lines of the device that were lost for lack of space.
+        bad: lines from the host that were refused for CRC, length, or no CRC after `strict 1`.
+        good: lines from the host that were accepted.
+        overrun: bytes from the host that were lost for lack of space.
+        dropped: lines from the device that were lost for lack of space.
         late: ticks that started late.
         tripped_at: tick of the last trip since boot, 0 if there was none.
         tripped_count: pressure count that caused the trip.
         tripped_output: output [PWM counts] before the trip.
-        alive: whether the reading varied at rest: 0 not known yet, 1 quiet, 2 alive.
+        alive: whether the reading varied at rest: 0 not yet known, 1 quiet, 2 alive.
     """
 
     boot: int
@@ -207,14 +207,14 @@ class DeviceSettings(NamedTuple):
         law: control law.
         ticks_per_record: ticks per record, as set by `tele`.
         trip: over-pressure limit [counts]; 0 if it has not been set.
-        jump: largest change over 5 ticks [counts].
-        stall: ticks with output or integral at its upper limit without a rise.
-        silence: ticks without an accepted line.
+        jump: largest change allowed over 5 ticks [counts].
+        stall: ticks without a rise, at the upper limit of output or integral, after which the device trips.
+        silence: ticks without an accepted line after which the device vents.
         floor: smallest plausible reading [counts].
         ceiling: largest plausible reading [counts].
-        still: ticks within two counts of a reading that varied at rest.
+        still: ticks within two counts after which a reading that varied at rest trips.
         frozen: PWM counts by which the output may exceed the holding output.
-        frozen_ticks: ticks at twice that excess without a change of the reading.
+        frozen_ticks: ticks at twice that excess, with an unchanged reading, after which the device trips.
     """
 
     boot: int
@@ -243,9 +243,9 @@ class Hello(NamedTuple):
         tick_hz: ticks per second.
         ticks_per_record: ticks per record, as set by `tele`.
         ring: number of records that the device can repeat.
-        bytes_per_tick: bytes that the device can send in a tick.
+        bytes_per_tick: bytes that the device can send per tick.
         trip_ceiling: highest pressure limit accepted [counts].
-        board: board number, stored in the memory and in the calibration; 0 if there is none.
+        board: board number, stored on the board and in the calibration; 0 if there is none.
     """
 
     protocol: int
@@ -266,7 +266,7 @@ class Ack(NamedTuple):
     Attributes:
         id: number of the command.
         seq: first record fully governed by the command; None if it was refused.
-        reason: reason of the refusal; otherwise empty.
+        reason: reason for the refusal; empty if the command was accepted.
     """
 
     id: int
@@ -294,7 +294,7 @@ def crc16(data: bytes) -> int:
 
 
 def frame(body: str) -> bytes:
-    r"""Return the line with `body`, ASCII without asterisk and line ends, and its CRC.
+    r"""Return the line made of `body`, ASCII without asterisks or line ends, and its CRC.
 
     >>> frame("0 hb")
     b'0 hb*E088\n'
@@ -326,7 +326,7 @@ _LAW = len(ControlLaw._fields)
 
 
 def parse(line: bytes) -> Message | None:
-    """Return the message in a line of the device, or None if its CRC or form is wrong.
+    """Return the message in a line from the device, or None if its CRC or form is wrong.
 
     Args:
         line: line without the line feed.
@@ -347,7 +347,7 @@ def parse(line: bytes) -> Message | None:
 
 
 def _of_integers(kind: bytes, fields: list[bytes]) -> Message | None:
-    """Return a message of any other kind."""
+    """Parse a message of any kind other than a record."""
     made: Any = {b"S": DeviceStatus, b"P": DeviceSettings, b"H": Hello, b"L": StoredRange}.get(kind)
     if kind == b"A" and len(fields) == 3 and _INTEGER(fields[0]):
         id_, said, rest = fields

@@ -1,4 +1,4 @@
-"""A whole rig without hardware, in virtual time: device, sensors, serial line and plant."""
+"""Simulate a whole rig in virtual time: device, sensors, serial line and plant."""
 
 import dataclasses
 import math
@@ -41,14 +41,14 @@ class SimulatedSensor:
 
     counts = floor((low_volts + (high_volts - low_volts)(x - low)/(high - low) + noise) 1024 / 5),
 
-    limited to 0..1023, as in the data sheet of the ATmega328P.
+    limited to 0..1023, as in the ATmega328P data sheet.
 
     Attributes:
         low: reading [SI] at `low_volts`.
         high: reading [SI] at `high_volts`.
         noise: standard deviation of the normal noise [SI].
         correlation_time: correlation time of the noise [s]; 0 for white noise. Averaging does not remove
-            correlated noise, such as pick-up and pump ripple.
+            correlated noise, such as electrical pick-up and pump ripple.
         low_volts: output [V] at `low`; above 0, so that a broken wire differs from a low reading.
         high_volts: output [V] at `high`.
     """
@@ -104,8 +104,8 @@ def pressure_transducer(
 ) -> SimulatedSensor:
     """Return the reference work's transducer, 0 to 200 psi; noise and correlation time are ASSUMED.
 
-    The printed standard deviations of 0.27 to 0.34 psi are mostly due to the transducer, because the
-    pressure of the air circuit varies by less than 0.12 psi.
+    The published standard deviations of 0.27 to 0.34 psi are mostly due to the transducer, because the
+    pressure in the air circuit varies by less than 0.12 psi.
 
     >>> round(1 / (pressure_transducer().counts_per_unit * PSI), 3)  # psi per count
     0.244
@@ -123,11 +123,11 @@ def load_cell(high: float = 1500 * LBF, noise: float = 0.5 * LBF) -> SimulatedSe
 
 @dataclasses.dataclass(frozen=True)
 class MachineClock:
-    """A clock with offset and drift: reading = offset + (1 + rate) t, with t the true time.
+    """A clock with offset and drift: reading = offset + (1 + rate) t, where t is the true time.
 
     Attributes:
         offset: reading [s] at true time 0.
-        rate: gain of the clock [s per s].
+        rate: time that the clock gains [s per s].
     """
 
     offset: float = 0.0
@@ -138,7 +138,7 @@ class MachineClock:
         return self.offset + (1 + self.rate) * true_time
 
     def true_time(self, reading: float) -> float:
-        """Return the true time [s] of a reading [s]."""
+        """Return the true time [s] for a reading [s]."""
         return (reading - self.offset) / (1 + self.rate)
 
 
@@ -146,21 +146,21 @@ class TestMachine:
     """A screw-driven machine that lets a muscle shorten at a constant rate and extends it again.
 
     A stroke begins at the rest length, reverses where the load falls to 0 (or after the given stroke), and
-    ends at the rest length. Neglected: the compliance of the frame, and the time for reversing the drive.
+    ends at the rest length. The compliance of the frame and the time to reverse the drive are neglected.
 
     Args:
         rest_length: L0 [m], where strokes begin and end.
         shortest: length [m] at which the limit switch stops the machine.
-        clock: clock of its log.
-        load_noise: standard deviation of the load in its log [N]; ASSUMED.
-        seed: seed of the noise.
+        clock: clock used for its log.
+        load_noise: standard deviation of the noise on the logged load [N]; ASSUMED.
+        seed: seed for the noise.
 
     Attributes:
         length: active length L [m].
         velocity: dL/dt [m/s], negative while the muscle shortens.
         sync: True if its digital input is high.
         cycles_left: remaining strokes, including the present one.
-        rows: rows of its log: time of its own clock [s], displacement [m], negative if the muscle is
+        rows: rows of its log: time on its own clock [s], displacement [m], negative if the muscle is
             shorter than at rest, force [N], sync.
     """
 
@@ -199,7 +199,7 @@ class TestMachine:
 
         Args:
             cycles: number of strokes, each there and back.
-            rate: speed of the crosshead [m/s] (chapter 4: 0.04 in/s).
+            rate: crosshead speed [m/s] (chapter 4: 0.04 in/s).
             stroke: largest stroke [m]; the machine also reverses at the limit switch.
         """
         self._turn_at = max(self.shortest, self.rest_length - stroke)
@@ -232,7 +232,7 @@ class TestMachine:
         self._next_at = self.clock.true_time(self._next_row)
 
     def write_log(self, path: str | Path) -> Path:
-        """Write the log as a delimited file with a row of units, as such machines do."""
+        """Write the log as a delimited file with a row of units, as real test machines do."""
         lines = ["Time,Extension,Load,Digital input", "(s),(mm),(N),(-)"]
         for time, displacement, force, sync in self.rows:
             lines.append(f"{time:.4f},{displacement * 1e3:.5f},{force:.4f},{sync:.0f}")
@@ -242,7 +242,7 @@ class TestMachine:
 
 
 class ByteChannel:
-    """One direction of a serial line; bytes arrive one by one at its baud rate.
+    """One direction of a serial line; bytes arrive one by one at the baud rate.
 
     Args:
         baud: bits per second; None for immediate delivery.
@@ -296,8 +296,8 @@ class ByteChannel:
 class SimulatedRig:
     r"""A device with its sensors and its plant, at the far end of a serial line.
 
-    `advance` runs the rig in virtual time. The same arguments give the same bytes, independent of the
-    steps in which the rig is advanced.
+    `advance` runs the rig in virtual time. The same arguments give the same bytes, regardless of
+    the steps in which the rig is advanced.
 
     Args:
         circuit: circuit; pneumatic if omitted.
@@ -309,12 +309,12 @@ class SimulatedRig:
         baud: baud rate of the line, one of `BAUD_RATES`.
         to_device: line from the host; if omitted, one at this baud rate without faults.
         to_host: line from the device; if omitted, one at this baud rate without faults.
-        clock_rate: gain of the device's clock over true time [-]; -0.002 is typical of an Uno.
+        clock_rate: relative gain of the device's clock over true time [-]; -0.002 is typical of an Uno.
         friction: friction of the muscle, see `DahlFriction.share`; ASSUMED.
-        seed: seed of the sensors' noise.
+        seed: seed for the sensors' noise.
 
     Attributes:
-        now: true time, and time of the host [s].
+        now: true time, which is also the host's time [s].
         machine: test machine.
         plant: circuit and muscle.
         device: device.
@@ -371,7 +371,7 @@ class SimulatedRig:
 
     @property
     def force(self) -> float:
-        """True pull F [N] of the muscle, friction included."""
+        """True force F [N] with which the muscle pulls, including friction."""
         return self.plant.force
 
     def write(self, data: bytes) -> None:
@@ -422,12 +422,12 @@ class SimulatedRig:
 def machine_for(
     muscle: AbstractMuscle, clock: MachineClock | None = None, seed: int = 0
 ) -> TestMachine:
-    """Return a test machine at the rest length of a muscle, with a limit switch above its least length.
+    """Return a test machine at a muscle's rest length, with a limit switch above its shortest length.
 
     Args:
         muscle: muscle.
-        clock: clock of the machine's log.
-        seed: seed of the noise of its load.
+        clock: clock used for the machine's log.
+        seed: seed for the noise on its load.
     """
     rest, least = float(muscle.rest_length), float(muscle.length_range()[0])
     return TestMachine(rest, shortest=least + 0.01 * (rest - least), clock=clock, seed=seed)

@@ -104,7 +104,7 @@ def test_chapters_on_a_twin(tmp_path: Path) -> None:
     assert "TWIN, order 3, fixed, E_1" in told
     # What was made of a constant law needs no other where shape, deadband and pull are right.
     assert "they are enough for 4 of 4 muscles with known truth" in told
-    assert "For the work's own muscle, as far as ten printed readings tell, they do not" in told
+    assert "For the work's own muscle, judged by ten printed readings, they do not" in told
 
 
 @pytest.mark.slow

@@ -28,10 +28,10 @@ class Row:
     """One figure, published and computed.
 
     Attributes:
-        table: table of the work, such as "6.11", or the topic of the figure.
+        table: table in the work, such as "6.11", or the topic of the figure.
         entry: quantity and conditions.
         computed: computed value, in `unit`.
-        unit: "in", "psi", "1" for a pure number, and so on.
+        unit: "in", "psi", "1" for a dimensionless number, and so on.
         published: printed value; None if it is not available.
         tolerance: largest difference that counts as agreement, in `unit`. None without `published`, and if
             the computed value comes from a twin or a reconstruction, which need not agree.
@@ -80,16 +80,16 @@ def beside(
     table: str, entry: str, computed: float, unit: str, key: str, spread: float = 0.0, why: str = "",
     *, misprint: bool = False,
 ) -> Row:  # fmt: skip
-    """Create a row for a printed figure, with the tolerance given by its rounding.
+    """Return a row for a printed figure, with a tolerance based on its rounding.
 
     Args:
-        table: table of the work, see `Row`.
+        table: table in the work; see `Row`.
         entry: quantity and conditions.
         computed: computed value, in `unit`.
         unit: unit of both values.
         misprint: True if the reference file marks the figure as a misprint.
         key: location of the printed figure in the reference file, "elastic_braid.D_in.0".
-        spread: tolerance in addition to half a unit of the last printed digit, in `unit`.
+        spread: tolerance in addition to half a unit in the last printed digit, in `unit`.
         why: source of the spread.
     """
     at: Any = _as_written()
@@ -97,7 +97,7 @@ def beside(
         at = at[int(part) if isinstance(at, list) else part]
     figure = Decimal(at)
     half = 0.5 * 10.0 ** int(figure.as_tuple().exponent)
-    reason = "half a unit of the last digit" + (f", and {why}" if why else "")
+    reason = "half a unit in the last digit" + (f", and {why}" if why else "")
     return Row(
         table, entry, float(computed), unit, float(figure), half + spread, reason, key, misprint
     )
@@ -109,13 +109,13 @@ Table = tuple[str, Callable[[], list[Row]]]
 
 @functools.cache
 def printed() -> dict[str, Any]:
-    """Return the figures of the reference work; see the comments in the file."""
+    """Return the figures in the reference work; see the comments in the file."""
     return tomllib.loads(_REFERENCE.read_text(encoding="utf-8"))
 
 
 @functools.cache
 def _as_written() -> dict[str, Any]:
-    """Return the figures as decimals, which keep their last digit."""
+    """Return the figures as decimals, which preserve the last printed digit."""
     return tomllib.loads(_REFERENCE.read_text(encoding="utf-8"), parse_float=Decimal)
 
 
@@ -123,7 +123,7 @@ class Chapter:
     """Tables of a chapter, in the order of the work.
 
     In a script or notebook, each table is computed and shown where it is defined; an imported chapter
-    only stores them.
+    only stores the tables.
     """
 
     def __init__(self, module: str) -> None:
@@ -170,7 +170,7 @@ def _lines(rows: list[Row], most: int | None = None) -> list[str]:
         for row in shown
     ]
     more = len(rows) - len(shown)
-    return [*lines, f"  and {more} more that have no printed figure here"] if more else lines
+    return [*lines, f"  and {more} more without a printed figure"] if more else lines
 
 
 def _number(value: float | None) -> str:

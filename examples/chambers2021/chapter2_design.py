@@ -1,4 +1,4 @@
-"""Chapter 2, design: which braid fits which bladder, and the fitting that holds both."""
+"""Chapter 2, design: which braid fits which bladder, and the end-fitting that clamps both."""
 
 import fractions
 import itertools
@@ -26,20 +26,20 @@ chapter = Chapter(__name__)
 # %% [markdown]
 # # Chapter 2: design
 # The muscles consist of a latex tube, a braided Kevlar sleeve and two end-fittings with a swaged metal
-# tube. The chapter asks for the force and contraction of a braid on a bladder, which braids fit which
-# bladders, and the diameter of the inner fitting at which the swage holds. Every table here follows from
-# printed sizes; measured results are inputs.
+# tube. The chapter determines the force and contraction of a braid on a bladder, which braids fit which
+# bladders, and the diameter of the inner fitting at which the swage holds. Every table here is computed
+# from printed sizes; measured results are inputs.
 #
 # ## Table 2.1: earlier muscles, and the ideal forces of their braids
-# Gaylord's force P pi R^2 (2 tan^2 theta - 1) at rest, and the contraction at which theta reaches the
-# neutral angle of 35.26 deg. Every built muscle contracts less, because its bladder resists. Two pull
-# harder than a braid with their nominal diameter and angle would.
+# The table lists Gaylord's force P pi R^2 (2 tan^2 theta - 1) at rest, and the contraction at which theta
+# reaches the neutral angle of 35.26 deg. Every muscle that was built contracts less, because its bladder
+# resists. Two pull harder than a braid with their nominal diameter and angle would.
 
 
 # %%
-@chapter.table("table 2.1: muscles and their braids alone")
+@chapter.table("table 2.1: muscles, and their braids alone")
 def swaged() -> list[Row]:
-    """Table 2.1: ideal braid, and its difference from the built muscles."""
+    """Table 2.1: ideal braids, and their differences from the muscles that were built."""
     found = []
     for of in printed()["swaged_fam"]:
         name, pressure, theta = of["name"], of["pressure_psi"], math.radians(of["braid_angle_deg"])
@@ -61,8 +61,8 @@ def swaged() -> list[Row]:
 
 # %% [markdown]
 # ## Table 2.2: angles at which braids jam
-# A braid is named by its diameter at 45 deg. At another diameter, the same thread has another angle. The
-# braid jams where the yarns touch.
+# A braid is named after its diameter at 45 deg. At another diameter, the same thread has a different
+# angle. The braid jams where the yarns touch.
 
 # %%
 _angle_rad = quick_jit(fam_angle)
@@ -87,7 +87,8 @@ def jamming_angles() -> list[Row]:
 
 # %% [markdown]
 # ## Table 2.3: braids on bladders
-# The angle of each braid on each bladder; the print leaves a cell empty if the braid jams first.
+# The table lists the angle of each braid on each bladder. In the print, a cell is empty if the braid jams
+# first.
 
 
 # %%
@@ -117,14 +118,14 @@ def braid_angles() -> list[Row]:
 
 # %% [markdown]
 # ## Table 2.4: the inner fitting
-# The swaged tube presses braid and bladder onto the inner fitting. The diameter of the fitting follows
+# The swaged tube presses the braid and bladder onto the inner fitting. The diameter of the fitting follows
 # from the bore after swaging and the required compression. A thousandth of an inch matters.
 
 
 # %%
 @quick_jit
 def _fittings() -> tuple[Float[Array, ""], ...]:
-    """Return the diameters [in] under braid and bladder, and the change of compression [-]."""
+    """Return the diameters [in] under braid and bladder, and the change in compression [-]."""
     of, specimen = printed()["end_fitting"], printed()["specimen"]
     braid, wall = specimen["braid_thickness_in"], specimen["bladder_thickness_in"]
     tube = of["swage_tube_od_in"]
@@ -137,13 +138,13 @@ def _fittings() -> tuple[Float[Array, ""], ...]:
 @chapter.table("table 2.4: inner fittings")
 def end_fitting() -> list[Row]:
     on_braid, on_bladder, per_thousandth = map(float, _fittings())
-    die, why = 0.0005, "half a unit of the last digit of the die's reduction, 0.027 in"
+    die, why = 0.0005, "half a unit in the last digit of the die's reduction, 0.027 in"
     return [
         beside("2.4", "inner fitting under the braid", on_braid, "in",
                "end_fitting.internal_fitting_od_braid_in", die, why),
         beside("2.4", "inner fitting under the bladder", on_bladder, "in",
                "end_fitting.internal_fitting_od_bladder_in", die, why),
-        beside("2.4", "change of the braid's compression, 0.001 in on the radius of the fitting",
+        beside("2.4", "change in braid compression for 0.001 in on the radius of the fitting",
                per_thousandth, "1", "end_fitting.compression_change_per_thousandth_in"),
     ]  # fmt: skip
 
@@ -152,13 +153,13 @@ def end_fitting() -> list[Row]:
 # ## The support of the swage tube
 # The die pushes on a tube 3.10 in long, which may buckle. A support slides 1.25 in into it and
 # "approximately doubles" Euler's load. A rigid support leaves a column of 1.85 in. A support that only
-# stiffens the tube between pins gains little. In between, a finite lateral stiffness at the support's
-# inner end doubles the load.
+# stiffens the tube between pins adds little. Between these extremes, a finite lateral stiffness at the
+# support's inner end doubles the load.
 
 
 # %%
 def stepped_column_gain(inserted: float, stiffening: float) -> float:
-    """Ratio of Euler's loads of a column stiffened at one end and a plain one, both pinned.
+    """Return the ratio of the Euler loads of a column stiffened at one end and a plain one, both pinned.
 
     The smallest root of alpha cot(alpha a) + beta cot(beta b) = 0, where b = `inserted`, a = 1 - b,
     alpha = pi sqrt(gain) and beta = alpha / sqrt(stiffening).
@@ -168,7 +169,7 @@ def stepped_column_gain(inserted: float, stiffening: float) -> float:
         stiffening: ratio of the second moments of area, stiffened to plain [-], >= 1.
 
     Returns:
-        Gain [-], from 1 to `stiffening`.
+        Gain in Euler's load [-], from 1 to `stiffening`.
 
     References:
         Timoshenko & Gere 1961, Theory of Elastic Stability, article 2.14.
@@ -191,19 +192,19 @@ def support_stiffness(gain: float, inserted: float, stiffening: float) -> float:
 
         k = P g / (a b g - 1),  g = alpha cot(alpha a) + beta cot(beta b)
 
-    in units of the length and of the plain column's load, where P is the gain.
+    in units of the plain column's length and load, where P is the gain.
 
     Args:
         gain: ratio to the load of the plain column [-], above `stepped_column_gain` and below that of
-            the weaker part alone between pins, 1 / a^2 or `stiffening` / b^2.
+            the weaker part by itself between pins, 1 / a^2 or `stiffening` / b^2.
         inserted: fraction of the length with the support inserted [-], in (0, 1).
         stiffening: ratio of the second moments of area, stiffened to plain [-], >= 1.
 
     Returns:
-        k L / P_Euler [-], with P_Euler and L of the plain column.
+        k L / P_Euler [-], where P_Euler and L are those of the plain column.
 
     Raises:
-        ValueError: no spring gives this gain.
+        ValueError: no spring produces this gain.
 
     >>> print(f"{support_stiffness(2.0, 1.25 / 3.10, 1.756):.2f}")
     5.37
@@ -213,14 +214,14 @@ def support_stiffness(gain: float, inserted: float, stiffening: float) -> float:
     if not (g < 0 and 1 < gain < most):
         least = stepped_column_gain(inserted, stiffening)
         raise ValueError(
-            f"the gain of a laterally elastic support must be in ({least:.4g}, {most:.4g}), "
-            f"got {gain:.4g}"
+            f"the gain with a laterally elastic support must lie between {least:.4g} and {most:.4g}, "
+            f"but is {gain:.4g}"
         )
     return gain * g / ((1 - inserted) * inserted * g - 1)
 
 
 def _restraint(gain: float, inserted: float, stiffening: float) -> float:
-    """Return the sum g of `support_stiffness`; negative if the plain joint alone does not hold."""
+    """Return the sum g in `support_stiffness`; negative if the joint buckles without a spring."""
     alpha = math.pi * math.sqrt(gain)
     beta = alpha / math.sqrt(stiffening)
     return alpha / math.tan(alpha * (1 - inserted)) + beta / math.tan(beta * inserted)
@@ -237,13 +238,13 @@ def tube_support() -> list[Row]:
     stepped = float(stepped_column_gain(inserted / length, stiffer))
     doubling = float(support_stiffness(2.0, inserted / length, stiffer))
     return [
-        beside("2.4, support", "length left free by the support", length - inserted, "in",
+        beside("2.4, support", "unsupported length with the support inserted", length - inserted, "in",
                "end_fitting.unsupported_length_after_support_in"),
-        Row("2.4, support", "second moment of area where it is inserted, over the tube's", stiffer, "1"),
-        Row("2.4, support", "gain of Euler's load by a rigid support", rigid, "1"),
-        Row("2.4, support", "gain of the stepped column between pins", stepped, "1"),
-        Row("2.4, support", "sideways stiffness at the support's inner end that doubles the load, "
-            "times the length over the bare tube's load", doubling, "1"),
+        Row("2.4, support", "second moment of area with the support, relative to the tube's", stiffer, "1"),
+        Row("2.4, support", "gain in Euler's load with a rigid support", rigid, "1"),
+        Row("2.4, support", "gain in Euler's load of the stepped column between pins", stepped, "1"),
+        Row("2.4, support", "lateral stiffness at the support's inner end that doubles the load, "
+            "times the length divided by the bare tube's load", doubling, "1"),
     ]  # fmt: skip
 
 
@@ -260,7 +261,7 @@ def safety() -> list[Row]:
     pull = of["tensile_failure_lbf"] / force
     torn = of["burst_force_lbf"] / force
     return [
-        Row("2.5", "burst force over the largest blocked force at 100 psi", torn, "1"),
-        Row("2.5", "burst pressure over 100 psi", burst, "1"),
-        Row("2.5", "tensile failure over the largest blocked force at 100 psi", pull, "1"),
+        Row("2.5", "burst force divided by the largest blocked force at 100 psi", torn, "1"),
+        Row("2.5", "burst pressure divided by 100 psi", burst, "1"),
+        Row("2.5", "failure load divided by the largest blocked force at 100 psi", pull, "1"),
     ]

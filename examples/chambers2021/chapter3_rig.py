@@ -1,15 +1,15 @@
-"""Chapter 3, the rig: pressure control while a machine strokes the muscle, on the twin's rig."""
+"""Chapter 3, the rig: pressure control while a machine strokes the muscle, on the simulated rig."""
 
 # %% [markdown]
 # # Chapter 3: the rig
-# A microcontroller controls the muscle's pressure while a test machine strokes it, with two valves for
+# A microcontroller controls the muscle's pressure while a testing machine strokes it, with two valves for
 # air and a pump for water. A PI controller converts the error in psi to PWM counts. Its gains were tuned
-# by hand for each muscle and fluid. Journal and machine have separate clocks, which must be aligned
-# before any comparison.
+# by hand for each muscle and fluid. The journal and the machine have separate clocks, which must be
+# aligned before any comparison.
 #
 # Measured pressures and forces are not printed. Here the twin is tested on the simulated rig with the
-# printed gains, supply and bias. Noise, friction and flow capacities are assumed where the work prints
-# none. Each figure of the twin is compared with the measured one.
+# printed gains, supply and bias. Noise, friction and flow capacities are assumed if they are not printed
+# in the work. Each of the twin's figures is compared with the measured one.
 
 # %%
 
@@ -30,12 +30,13 @@ FAM = "7/8 in"
 
 # %% [markdown]
 # ## Table 3.2: the gains, and a test with water
-# The twin's folder contains a test in air. Here are the same strokes with water and the printed Kp and Ki.
+# The twin's folder contains a test with air. Here the same strokes are run with water and the printed Kp
+# and Ki.
 
 
 # %%
 def gains(fluid: str) -> Control:
-    """Printed gains of table 3.2 for the 7/8 in muscle."""
+    """Return the gains printed in table 3.2 for the 7/8 in muscle."""
     (of,) = [row[fluid] for row in printed()["controller_gains"] if row["fam"] == FAM]
     return Control.per_psi(of["Kp"], of["Ki"])
 
@@ -60,9 +61,9 @@ def water(twin: Twin) -> Characterisation:
 
 # %% [markdown]
 # ## Tables 3.3 and 3.4: mean and scatter of the pressure
-# Water at the 0.04 in/s of chapter 4, twice the rate of the printed tables. The pump lags behind each
-# reversal of the stroke, so the pressure scatters more than in the print. (At 0.1 in/s, the rate of the
-# twin's test in air, the pump is too slow and the device trips.)
+# The test with water runs at 0.04 in/s, as in chapter 4, which is twice the rate of the printed tables.
+# The pump lags behind each reversal of the stroke, so the pressure scatters more than in the print. (At
+# 0.1 in/s, the rate of the twin's test with air, the pump is too slow and the device trips.)
 
 
 # %%
@@ -87,12 +88,12 @@ def held(tests: dict[str, Characterisation]) -> list[Row]:
 
 # %% [markdown]
 # ## Table 3.5: does the fluid change the force?
-# In the print, at most by 7.65 lbf of 1058 lbf. The twin's two tests also differ in their rate.
+# In the print, by at most 7.65 lbf in 1058 lbf. The twin's two tests also differ in stroke rate.
 
 
 # %%
 def force_rmse(one: Isobar, other: Isobar) -> float:
-    """RMS difference [N] of the force over both branches, at common lengths (equation 3.8)."""
+    """Return the RMS difference [N] in force over both branches, at common lengths (equation 3.8)."""
     low, high = (of(one.length[k], other.length[k]) for k, of in ((-1, max), (0, min)))
     at = np.linspace(low, high, 100)
     ours, theirs = (
@@ -103,7 +104,7 @@ def force_rmse(one: Isobar, other: Isobar) -> float:
 
 
 def fluids(tests: dict[str, Characterisation]) -> list[Row]:
-    """Return the RMS difference of the force between the fluids."""
+    """Return the RMS difference in force between the fluids."""
     theirs = dict(
         zip(
             printed()["pressure_control"]["set_psi"],
@@ -119,14 +120,14 @@ def fluids(tests: dict[str, Characterisation]) -> list[Row]:
             continue
         P = round(bar.set_pressure / units.PSI)
         difference = force_rmse(bar, others[bar.set_pressure])
-        entry = f"TWIN, {P} psi, difference of force between air and water"
+        entry = f"TWIN, {P} psi, difference in force between air and water"
         found.append(Row("3.5", entry, difference / units.LBF, "lbf", theirs.get(P)))
     return found
 
 
 # %% [markdown]
 # ## The clocks
-# The lead of the machine's clock follows from the two records of the force; the twin's true lead is known.
+# The lead of the machine's clock is computed from the two force records; the twin's true lead is known.
 
 
 # %%
@@ -136,8 +137,8 @@ def clocks(twin: Twin) -> list[Row]:
     at = (found.reference - true.clock_ahead) / (1 + true.clock_drift)
     error = float(found.journal_time(found.reference)) - at
     return [
-        Row("3, clocks", "TWIN, error of the alignment of journal and log", error, "s"),
-        Row("3, clocks", "TWIN, its standard error as stated", found.offset_error, "s"),
+        Row("3, clocks", "TWIN, error in the alignment of journal and log", error, "s"),
+        Row("3, clocks", "TWIN, stated standard error of the alignment", found.offset_error, "s"),
     ]
 
 
@@ -146,5 +147,5 @@ if chapter.shown:
     twin = Twin.of_command_line()
     both = {"air": twin.test.characterisation, "water": water(twin)}
     chapter.show("tables 3.3 and 3.4: pressure held", held(both))
-    chapter.show("table 3.5: air against water", fluids(both))
+    chapter.show("table 3.5: air compared with water", fluids(both))
     chapter.show("section 3: clocks", clocks(twin))

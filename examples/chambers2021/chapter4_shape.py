@@ -1,4 +1,4 @@
-"""Chapter 4, photogrammetry: the muscle's shape from printed data and from pictures of the twin."""
+"""Chapter 4, photogrammetry: the muscle's shape from printed data and from photographs of the twin."""
 
 import functools
 import math
@@ -25,10 +25,10 @@ chapter = Chapter(__name__)
 
 # %% [markdown]
 # # Chapter 4: photogrammetry
-# One camera, 60 in away, photographs the muscle once a second while the machine strokes it. Bright tapes
-# on the fittings mark the ends of the active length, and a ruler gives the scale. In every picture the
-# outline is detected and described by three Fourier terms. The chapter compares the lengths with the test
-# machine, and the shape with the usual assumption of a cylinder.
+# One camera, 60 in away, photographs the muscle once per second while the machine strokes it. Bright tapes
+# on the fittings mark the ends of the active length, and a ruler provides the scale. In every photograph
+# the outline is detected and described by three Fourier terms. The chapter compares the lengths with the
+# testing machine's, and the shape with the usual assumption of a cylinder.
 #
 # ## Sizes and set-up
 
@@ -54,20 +54,20 @@ def camera() -> list[Row]:
     view = math.degrees(2 * math.atan(length / (2 * distance)))
     key = "photogrammetry.{}".format
     return [
-        beside("4, camera", "size of a pixel", 1 / of["scale_px_per_in"], "in",
+        beside("4, camera", "pixel size", 1 / of["scale_px_per_in"], "in",
                key("resolution_in_per_px")),
         beside("4, camera", "angle of view of the active length", view, "deg",
                key("angle_of_view_deg"), view * 0.05 / distance,
-               "half a unit of the last digit of the distance, 60.0 in"),
-        beside("4, camera", "change of scale per inch of depth", 1 / distance, "1",
+               "half a unit in the last digit of the distance, 60.0 in"),
+        beside("4, camera", "change in scale per inch of depth", 1 / distance, "1",
                key("scale_change_per_inch_of_depth")),
     ]  # fmt: skip
 
 
 # %% [markdown]
 # ## The braid angle from the slope of blocked force
-# Without a camera, the angle is estimated as follows: the braid's blocked force rises with pressure by
-# pi R^2 (2 tan^2 theta - 1). The diameter of bladder or braid may be used, which gives two angles.
+# Without a camera, the angle is estimated from the braid's blocked force, which rises with pressure by
+# pi R^2 (2 tan^2 theta - 1). The diameter may be that of the bladder or the braid, which gives two angles.
 
 
 # %%
@@ -81,7 +81,7 @@ def _angle_from_slope(
 
 @chapter.table("section 4: angle from the slope of blocked force")
 def angle_from_slope() -> list[Row]:
-    """theta0 at which Gaylord's blocked force rises with pressure like the tested one."""
+    """Return theta0 for which Gaylord's blocked force rises with pressure as the tested force does."""
     tested = printed()["tested"]
     P, F = (np.array(tested[key], float) for key in ("pressure_psi", "blocked_force_lbf"))
     found = []
@@ -92,7 +92,7 @@ def angle_from_slope() -> list[Row]:
         )
         spread = max(abs(one - angle) for one in between)
         entry = f"initial angle from the slope of blocked force, D0 = {diameter} in"
-        why = "the most that the slope between two neighbouring pressures changes it"
+        why = "the largest change if the slope is taken between two neighbouring pressures"
         found.append(
             beside("4, angle", entry, angle, "deg", f"photogrammetry.estimated_theta0_deg.{key}",
                    spread, why)
@@ -116,7 +116,7 @@ _X = np.linspace(0, 1, 401)
 def printed_diameter(
     row: dict, x: Float[np.ndarray, " n"], *, corrected: bool
 ) -> Float[np.ndarray, " n"]:
-    """Diameter [in] of a row of table 4.3 at x, even where the print makes it negative."""
+    """Return the diameter [in] at x for a row of table 4.3, even where it is negative as printed."""
     w = row["w_corrected" if corrected else "w_as_printed"]
     b = [row["b"][0] if corrected else row.get("b1_as_printed", row["b"][0]), *row["b"][1:]]
     angle = np.arange(1, len(b) + 1) * w * np.asarray(x)[:, None]
@@ -150,14 +150,14 @@ def _shapes() -> tuple[dict[str, Float[Array, "profiles ..."]], ...]:
 
 @functools.cache
 def shapes() -> dict[str, dict[str, Float[np.ndarray, "profiles ..."]]]:
-    """w, mean D, arc length and volume in inches, and D at `SHAPE_X`, for the profiles of table 4.3."""
+    """Return w, mean D, arc length and volume in inches, and D at `SHAPE_X`, for table 4.3's profiles."""
     used, transcribed = jax.tree.map(np.asarray, _shapes())
     return {"used": used, "transcribed w": transcribed}
 
 
 @chapter.table("table 4.3: profiles")
 def profiles() -> list[Row]:
-    """Table 4.3 as printed, corrected, and as used: corrected and made symmetric."""
+    """Return table 4.3 as printed, as corrected, and as used (corrected and made symmetric)."""
     rest = printed()["specimen"]["active_length_in"]
     found = []
     for k, row in enumerate(printed()["profile_100psi"]):
@@ -180,7 +180,7 @@ def profiles() -> list[Row]:
         if "b1_as_printed" in row:
             b1 = row["a"][1] * math.tan(symmetric / 2)
             entry, key = (
-                f"b_1 that is symmetric with a_1, {at}",
+                f"b_1 that makes the first term symmetric, {at}",
                 f"profile_100psi.{k}.b1_as_printed",
             )
             found.append(beside("4.3", entry, b1, "1", key, misprint=True))
@@ -201,7 +201,7 @@ def profiles() -> list[Row]:
 # %%
 END_LENGTH, END_ANGLE = 1.1, 1.0
 """Length [in] of each rounded end of the synthetic profiles, and the parameter angle [rad] of its
-ellipse at the fitting, which gives a finite slope there."""
+ellipse at the fitting, which makes the slope there finite."""
 
 _WAVE_NUMBERS = np.linspace(1.0, 7.0, 241)
 
@@ -219,7 +219,7 @@ def fit_terms(
 ) -> Float[np.ndarray, "profiles n"]:
     """Fit a series with this number of terms and free w to each profile by least squares.
 
-    For each w of a grid, the coefficients follow from linear least squares; the best w is kept.
+    For each w on a grid, the coefficients are found by linear least squares; the best w is kept.
     """
     columns = [_series(w, x, terms) for w in _WAVE_NUMBERS]
     planes = [np.linalg.qr(column)[0] for column in columns]
@@ -239,16 +239,16 @@ def _synthetic_diameters() -> Float[Array, "profiles n"]:
 
 @functools.cache
 def synthetic_profiles() -> dict[float, Float[np.ndarray, " n"]]:
-    """SYNTHETIC diameters [in] at 201 positions by contraction: elliptic ends and a cylinder.
+    """Return SYNTHETIC diameters [in] at 201 positions, by contraction: elliptic ends and a cylinder.
 
-    The middle follows the braid's triangle, and the ends keep the braid's rest diameter.
+    The middle follows the braid's triangle; the ends have the braid's diameter at rest.
     """
     return dict(zip(CONTRACTIONS, np.asarray(_synthetic_diameters()), strict=True))
 
 
 @chapter.table("table 4.2: Fourier terms of a profile")
 def fourier_terms() -> list[Row]:
-    """Errors of table 4.2 for synthetic profiles, because the photographs are not printed."""
+    """Return the errors in table 4.2 for synthetic profiles, because the photographs are not printed."""
     profiles = np.stack(list(synthetic_profiles().values()))
     found = []
     for terms in printed()["fourier_terms"]["terms"]:
@@ -265,27 +265,27 @@ def fourier_terms() -> list[Row]:
 
 # %% [markdown]
 # ## Photographs of the twin
-# The work used its photographs to compare lengths with the test machine, and to choose the number of
+# The work used its photographs to compare lengths with the testing machine's, and to choose the number of
 # Fourier terms. The twin's photographs are rendered, and its true lengths are known.
 
 
 # %%
 def photographed_lengths(twin: Twin) -> list[Row]:
-    """Return the largest error of the length relative to the machine, as in the work, and to the truth."""
+    """Return the largest error in length relative to the machine, as in the work, and to the truth."""
     table, rest = twin.pictures, twin.sheet.specimen.rest_length
     errors = {"the machine": table["length"] - (rest + table["displacement"])}
     true = np.array([twin.lengths[Path(path).name] for path in table.path])
     errors["the truth"] = table["length"] - true
     published = {"the machine": printed()["photogrammetry"]["max_length_error_in"]}
     return [
-        Row("4.1", f"TWIN, {table.ok.sum()} of {len(table)} pictures, largest error of the length "
-            f"against {what}", float(np.nanmax(np.abs(error))) / units.INCH, "in", published.get(what))
+        Row("4.1", f"TWIN, {table.ok.sum()} of {len(table)} pictures, largest error in length "
+            f"relative to {what}", float(np.nanmax(np.abs(error))) / units.INCH, "in", published.get(what))
         for what, error in errors.items()
     ]  # fmt: skip
 
 
 def photographed_terms(twin: Twin) -> list[Row]:
-    """Table 4.2 for the twin's photographs."""
+    """Return table 4.2 for the twin's photographs."""
     table, of = twin.pictures, printed()["fourier_terms"]
     diameters = table.diameter[table.ok] / units.INCH
     found = []

@@ -25,9 +25,9 @@ chapter = Chapter(__name__)
 # %% [markdown]
 # # Chapter 5: the elastic braid
 # Photographs of the blocked muscle show that its diameter grows with pressure, from 1.001 in at rest to
-# 1.044 in at 100 psi. A braid of inextensible threads cannot grow at constant length, so the threads
-# stretch. The chapter determines by how much, and the effect on angle and force. Diameters and blocked
-# forces are the printed ones.
+# 1.044 in at 100 psi. A braid of inextensible threads cannot expand at constant length, so the threads
+# stretch. The chapter determines how much they stretch, and how this affects angle and force. The
+# diameters and blocked forces are the printed ones.
 #
 # ## The threads
 
@@ -42,17 +42,17 @@ def area() -> list[Row]:
 
 # %% [markdown]
 # ## Table 5.1: from the printed diameters
-# With L = B sin(theta) and pi N D = B cos(theta), each diameter gives a thread length and an angle. The
-# balance of forces gives the tension of a thread, (F + P pi R^2)/(n sin theta).
+# With L = B sin(theta) and pi N D = B cos(theta), each diameter determines a thread length and an angle.
+# The tension in a thread, (F + P pi R^2)/(n sin theta), follows from the force balance.
 
 # %%
 HIGH_PRESSURE = 80.0
-"""First pressure [psi] of the fit at high pressure; the work's choice is not printed."""
+"""Lowest pressure [psi] in the high-pressure fit; the work's choice is not printed."""
 
 DIGIT = 0.0005
-"""Half a unit of the last digit of the printed diameters [in]."""
+"""Half a unit in the last digit of the printed diameters [in]."""
 
-WHY = "half a unit of the last digit of the printed diameters"
+WHY = "half a unit in the last digit of the printed diameters"
 
 
 class InSitu(NamedTuple):
@@ -61,8 +61,8 @@ class InSitu(NamedTuple):
     Attributes:
         thread_length: B [m].
         braid_angle: theta [rad].
-        strain: B / B0 - 1 [-], with B0 the length without pressure.
-        tension: tension of one thread [N].
+        strain: B / B0 - 1 [-], where B0 is the length without pressure.
+        tension: tension in one thread [N].
         moduli: slopes of stress against strain [Pa]: through the origin, and at high pressure.
     """
 
@@ -77,7 +77,7 @@ def in_situ(change: float | np.ndarray = 0.0) -> InSitu:
     """Return the threads' state at the printed diameters and tested blocked forces.
 
     Args:
-        change: change of the printed diameters [in].
+        change: change in the printed diameters [in].
     """
     of, table = printed()["specimen"], printed()["elastic_braid"]
     tested = printed()["tested"]
@@ -122,7 +122,7 @@ def from_diameters() -> list[Row]:
 
 # %% [markdown]
 # ## The modulus in situ
-# Stress against strain of the threads: the slope is their modulus. The work printed two moduli. One uses
+# The modulus is the slope of stress against strain for the threads. The work printed two moduli. One uses
 # all points; the model B = B0 (1 + T/(A_b E_b)) then requires a line through the origin. The other uses
 # the points at high pressure, beyond the toe region.
 
@@ -137,8 +137,11 @@ def moduli() -> list[Row]:
     each = np.eye(len(printed()["elastic_braid"]["D_in"])) * DIGIT
     spread = sum(np.abs(both(change) - found) for change in each)
     entries = (
-        ("in-situ modulus, line through the origin and all points of table 5.1", "linear"),
-        (f"in-situ modulus, points of table 5.1 from {HIGH_PRESSURE:g} psi", "high_pressure"),
+        ("in-situ modulus, line through the origin, all points in table 5.1", "linear"),
+        (
+            f"in-situ modulus, points in table 5.1 from {HIGH_PRESSURE:g} psi upwards",
+            "high_pressure",
+        ),
     )
     return [
         beside("5, thread", entry, modulus, "psi", f"specimen.thread_modulus_in_situ_{name}_psi",
@@ -149,12 +152,12 @@ def moduli() -> list[Row]:
 
 # %% [markdown]
 # ## Table 5.1 again: the elastic braid as a model
-# Here the modulus is the only input: tension stretches the thread, and the stretched thread changes angle
-# and tension, which gives an equation for B. The result is compared with the photographed diameters.
+# Here the modulus is the only input. Tension stretches the thread, and the stretch changes the angle and
+# the tension, which leads to an equation for B. The result is compared with the photographed diameters.
 
 # %%
 SWEPT = np.linspace(0, 100, 51)
-"""Gauge pressures [psi] of the sweep, including those of tables 5.1 and 5.2."""
+"""Gauge pressures [psi] in the sweep, including those in tables 5.1 and 5.2."""
 
 
 def _at(pressure: float) -> int:
@@ -169,11 +172,11 @@ class BraidState(NamedTuple):
     diameter: Array
     braid_angle: Array
     gaylord_force: Array
-    tension: Array  # of one thread
+    tension: Array  # in one thread
 
 
 class BraidStretch(NamedTuple):
-    """The same braid with and without the stretch of its threads."""
+    """The same braid with and without stretch of its threads."""
 
     elastic: BraidState
     inelastic: BraidState
@@ -211,8 +214,8 @@ def model() -> list[Row]:
     """Compare the model with the photographed diameters."""
     pixel = 1 / printed()["photogrammetry"]["scale_px_per_in"]
     return [
-        beside("5.1", f"D of the model, {P} psi", float(stretch().elastic.diameter[_at(P)]), "in",
-               f"elastic_braid.D_in.{k}", pixel, "a pixel of the photographs")
+        beside("5.1", f"D from the model, {P} psi", float(stretch().elastic.diameter[_at(P)]), "in",
+               f"elastic_braid.D_in.{k}", pixel, "one pixel in the photographs")
         for k, P in enumerate(printed()["elastic_braid"]["pressure_psi"])
     ]  # fmt: skip
 
@@ -229,7 +232,7 @@ BRAIDS = (("5.2", "", 1.0), ("5, soft braid", "soft braid, ", SOFT))
 
 
 def _columns(state: BraidState) -> dict[str, tuple[str, np.ndarray]]:
-    """Return unit and values of each quantity in the table of a braid."""
+    """Return the unit and values of each quantity in a braid's table."""
     return {
         "B": ("in", np.asarray(state.thread_length)),
         "D": ("in", np.asarray(state.diameter)),
@@ -241,7 +244,7 @@ def _columns(state: BraidState) -> dict[str, tuple[str, np.ndarray]]:
 
 @chapter.table("table 5.2: with and without stretch")
 def stretched() -> list[Row]:
-    """Table 5.2, and the same table for the soft braid."""
+    """Return table 5.2, and the same table for the soft braid."""
     found = []
     for table, label, softness in BRAIDS:
         both = stretch(softness)
@@ -254,9 +257,9 @@ def stretched() -> list[Row]:
     return found
 
 
-@chapter.table("table 5.2: changes by the elastic braid")
+@chapter.table("table 5.2: changes due to the elastic braid")
 def changes() -> list[Row]:
-    """Effect of the stretch of the threads at rest and at the tested free contraction."""
+    """Return the effect of thread stretch at rest and at the tested free contraction."""
     tested, rest = printed()["tested"], printed()["specimen"]["active_length_in"]
     free = rest * (1 - np.array(tested["free_contraction"]))
     lengths = np.stack([np.full_like(free, rest), free])
@@ -269,10 +272,10 @@ def changes() -> list[Row]:
                 for quantity, (unit, values) in after.items():
                     was = float(before[quantity][1][place, k])
                     change = float(values[place, k]) - was
-                    entry = f"{label}change of {quantity} by the elastic braid {state}, {P} psi"
+                    entry = f"{label}change in {quantity} due to the elastic braid {state}, {P} psi"
                     found += [
                         Row(table, entry, change, unit),
-                        Row(table, f"{entry}, over the inelastic", change / was, "1"),
+                        Row(table, f"{entry}, relative to the inelastic braid", change / was, "1"),
                     ]
     return found
 
@@ -284,17 +287,17 @@ def changes() -> list[Row]:
 # %%
 @chapter.table("section 5: strength of the threads")
 def strength() -> list[Row]:
-    """Ratio of the threads' tested strength and strain to those in use."""
+    """Return the ratios of the threads' tested strength and strain to those in use."""
     of, table = printed()["specimen"], printed()["elastic_braid"]
     burst = printed()["tested_fams"]
     state = in_situ()
     radius, angle = table["D_in"][0] / 2, float(state.braid_angle[0])
     used = {
         "at the blocked force of 100 psi": (printed()["tested"]["blocked_force_lbf"][-1], 100.0),
-        "at the printed burst, the braid as at 100 psi": (
+        "at the printed burst, with the braid as at 100 psi": (
             burst["burst_force_lbf"], burst["burst_pressure_psi"]
         ),
-        "at the printed tensile failure, the braid as at rest": (
+        "at the printed tensile failure, with the braid as at rest": (
             burst["tensile_failure_lbf"], 0.0
         ),
     }  # fmt: skip
@@ -307,5 +310,5 @@ def strength() -> list[Row]:
         margin = of["thread_break_lbf"] / tension
         found.append(Row("5, thread", f"strength margin of the threads {where}", margin, "1"))
     strain = of["thread_elongation_at_break"] / float(state.strain.max())
-    entry = "elongation at break over the largest strain of table 5.1"
+    entry = "elongation at break divided by the largest strain in table 5.1"
     return [*found, Row("5, thread", entry, strain, "1")]

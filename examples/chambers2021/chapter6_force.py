@@ -28,9 +28,9 @@ chapter = Chapter(__name__)
 # %% [markdown]
 # # Chapter 6: the cylindrical approximation
 # The force is that of the pressurised braid, Gaylord's force, minus the axial and hoop contributions of
-# the bladder. Each term needs diameter, angle, strain and wall thickness. The chapter takes them from four
-# geometries: a cylinder with an inelastic or an elastic braid (estimated), the mean of the photographed
-# diameters, and the photographed shape itself. It quantifies the error of the cylinder.
+# the bladder. Each term requires diameter, angle, strain and wall thickness. The chapter obtains them from
+# four geometries: a cylinder with an inelastic or an elastic braid (estimated), the mean of the
+# photographed diameters, and the photographed shape itself. It quantifies the error of assuming a cylinder.
 #
 # ## The latex of the bladder
 
@@ -38,23 +38,23 @@ chapter = Chapter(__name__)
 # %%
 @chapter.table("section 6: latex specimen")
 def latex() -> list[Row]:
-    """Volume and cross-sections of the tensile specimen, from its tube."""
+    """Return the volume and cross-sections of the tensile specimen, computed from its tube."""
     of, specimen = printed()["latex"], printed()["specimen"]
     before = of["test_length_in"] - 3 / 32
     tube = (specimen["bladder_outer_diameter_in"], specimen["bladder_thickness_in"])
     section, volume = (float(tube_volume(length, *tube)) for length in (1.0, before))
     stretched = volume / (of["test_length_in"] * (1 + 2.1))
     return [
-        beside("6, latex", "section at rest", section, "in2", "latex.cross_section_rest_in2"),
+        beside("6, latex", "cross-section at rest", section, "in2", "latex.cross_section_rest_in2"),
         beside("6, latex", "volume", volume, "in3", "latex.volume_in3"),
-        beside("6, latex", "section at strain 2.1", stretched, "in2",
+        beside("6, latex", "cross-section at strain 2.1", stretched, "in2",
                "latex.cross_section_max_strain_in2"),
     ]  # fmt: skip
 
 
 # %% [markdown]
 # ## Tables 6.1 and 6.2: powers of strain
-# A law sigma = sum E_n eps^n needs the mean of eps^n over the length, which is not the n-th power of the
+# A law sigma = sum E_n eps^n requires the mean of eps^n over the length, which is not the n-th power of the
 # mean. The axial strain along the shape is smaller than (L0 - L)/L0, because its arc is longer than its
 # axis.
 
@@ -68,7 +68,7 @@ STRAINS = {
 
 
 def _at_printed(name: str, quantity: str) -> tuple[float, float]:
-    """Return a quantity at 100 psi and 35.3 %, and its spread."""
+    """Return a quantity at 100 psi and 35.3 %, and its tolerance."""
 
     def value(of: Mapping[str, Terms]) -> float:
         return float(of[name].at_100_psi(quantity)[PRINTED])
@@ -78,10 +78,10 @@ def _at_printed(name: str, quantity: str) -> tuple[float, float]:
 
 @chapter.table("tables 6.1 and 6.2: strains")
 def strains() -> list[Row]:
-    """Strains at 35.3 %, the printed free contraction.
+    """Return the strains at 35.3 %, the printed free contraction.
 
-    The axial strain of the measured shape comes from the arc of the outline, which is less certain. Three
-    terms miss the outline most at the two ends, by 0.036 in of diameter (table 4.2).
+    The axial strain of the measured shape is computed from the arc of the outline, which is less certain.
+    The fit with three terms is worst at the two ends, by 0.036 in on the diameter (table 4.2).
     """
     of = printed()["fourier_terms"]
     end = dict(zip(of["terms"], of["max_error_in"], strict=True))[3]
@@ -99,7 +99,7 @@ def strains() -> list[Row]:
                 why = WHY
                 if (strain, kind) == ("axial", "measured"):
                     size += n * first ** (n - 1) * arc
-                    why += ", and the largest error of three terms, 0.036 in, in the arc"
+                    why += ", and the largest error with three terms, 0.036 in, applied to the arc"
                 entry = f"{kind.replace('_', ' ')}, mean of |{strain} strain|^{n}, 35.3 %"
                 found.append(
                     beside(table, entry, computed, "1", f"{key}.{kind}.{n - 1}", size, why)
@@ -108,19 +108,19 @@ def strains() -> list[Row]:
 
 
 def _stretched_by_zero_force() -> Change:
-    """Return the change of B0 if zero force, not Gaylord's, stretched the threads at free contraction."""
+    """Return the change in B0 if zero force, not Gaylord's, stretched the threads at free contraction."""
     at, braid = terms()["estimated elastic"], elastic_braid()
     force, angle = (at.at_100_psi(name)[TESTED][-1] for name in ("Gaylord force", "braid angle"))
     less = braid.thread.strain(force / (braid.n_threads * np.sin(np.deg2rad(angle))))
     return Change(thread_length=float(-braid.rest_thread_length * less))
 
 
-@chapter.table("section 6: least thickness")
+@chapter.table("section 6: smallest thickness")
 def thinnest() -> list[Row]:
-    """Least thickness of the 100 psi test.
+    """Return the smallest bladder thickness in the 100 psi test.
 
     The work does not say which force stretches the threads of its elastic braid: Gaylord's, as here, or
-    that of the test, which is zero at free contraction.
+    the tested force, which is zero at free contraction.
     """
     found, other = [], terms(_stretched_by_zero_force())
     for name in terms():
@@ -128,13 +128,13 @@ def thinnest() -> list[Row]:
         def least(of: Mapping[str, Terms], name: str = name) -> float:
             return float(of[name].at_100_psi("bladder thickness")[TESTED].min())
 
-        entry = f"{name}, least bladder thickness of the 100 psi test"
+        entry = f"{name}, smallest bladder thickness in the 100 psi test"
         row, key = ("6, thickness", entry, least(terms()), "in"), name.replace(" ", "_")
         if key in printed()["bladder_thickness"]:
             size, why = spread(least), WHY
             if name == "estimated elastic":
                 size += abs(least(other) - least(terms()))
-                why += ", and Gaylord's force or none in the threads, which the work leaves open"
+                why += ", and whether Gaylord's force or none stretches the threads, which is not stated"
             found.append(beside(*row, f"bladder_thickness.{key}", size, why))
         else:
             found.append(Row(*row))
@@ -148,7 +148,7 @@ def thinnest() -> list[Row]:
 # %%
 @chapter.table("table 6.3: Gaylord's force")
 def gaylord() -> list[Row]:
-    """Table 6.3: 100 psi, up to the tested free contraction."""
+    """Return table 6.3: 100 psi, up to the tested free contraction."""
     found = []
     for state, keys in printed()["gaylord_100psi"].items():
         for key in keys:
@@ -165,7 +165,7 @@ def gaylord() -> list[Row]:
             what = {
                 "resting": "Gaylord force at rest",
                 "free": "Gaylord force at the tested free contraction",
-                "mae": "mean absolute difference of Gaylord force from the measured average diameter",
+                "mae": "mean absolute difference in Gaylord force from the measured average diameter",
             }[state]
             found.append(
                 beside("6.3", f"{name}, 100 psi, {what}", value(terms()), "lbf",
@@ -176,7 +176,7 @@ def gaylord() -> list[Row]:
 
 # %% [markdown]
 # ## Tables 6.3 to 6.9: every term at rest, at free contraction and at its maximum
-# The transcription has no numbers for these tables; the first few computed rows are shown.
+# The transcription contains no numbers for these tables; the first few computed rows are shown.
 
 # %%
 QUANTITIES = {
@@ -189,7 +189,7 @@ QUANTITIES = {
     "bladder force": ("6.8", "lbf"),
     "total force": ("6.9", "lbf"),
 }
-"""Table of the work and unit for each quantity over contraction."""
+"""Table in the work, and unit, for each quantity as a function of contraction."""
 
 STATES = {
     "rest": "at rest",
@@ -208,9 +208,9 @@ def _states(quantity: str, geometry: str, pressure: float) -> dict[str, str]:
     return STATES
 
 
-@chapter.table("tables 6.3 to 6.9: terms of the balance")
+@chapter.table("tables 6.3 to 6.9: terms of the force balance")
 def every_term() -> list[Row]:
-    """Each quantity, geometry, pressure and state without a published figure."""
+    """Return each quantity, geometry, pressure and state without a published figure."""
     found = []
     for quantity, (table, unit) in QUANTITIES.items():
         for name, of in terms().items():
@@ -223,10 +223,11 @@ def every_term() -> list[Row]:
 
 @chapter.table("tables 6.1 to 6.9: mean absolute differences")
 def mean_absolute() -> list[Row]:
-    """Mean absolute errors of each geometry relative to the measured one.
+    """Return the mean absolute errors of each geometry relative to the measured one.
 
-    Means over contraction from rest to the tested free contraction. The error of Gaylord's force at 100
-    psi is in `gaylord`. It is relative to the average diameter, which is equivalent for this term.
+    The means are taken over contraction from rest to the tested free contraction. The error in Gaylord's
+    force at 100 psi is in `gaylord`. It is relative to the average diameter, which is equivalent for this
+    term.
     """
     measured, found = terms()["measured"], []
     for quantity, (table, unit) in {**STRAINS, **QUANTITIES}.items():
@@ -238,8 +239,8 @@ def mean_absolute() -> list[Row]:
                 if quantity == "Gaylord force" and P == 100 and name.startswith("estimated"):
                     continue
                 error = float(np.abs(difference[row, TESTED]).mean())
-                what = f"{quantity}, mean absolute difference from the measured"
-                entry = f"{name}, {P:g} psi, {what}, to the tested free contraction"
+                what = f"{quantity}, mean absolute difference from the measured geometry"
+                entry = f"{name}, {P:g} psi, {what}, up to the tested free contraction"
                 found.append(Row(table, entry, error, unit))
     return found
 
@@ -254,7 +255,7 @@ def mean_absolute() -> list[Row]:
 
 # %%
 def _differences(of: Mapping[str, Terms]) -> dict[str, float]:
-    """Estimated (elastic) minus measured, at 35.3 % and 100 psi."""
+    """Return estimated (elastic) minus measured values, at 35.3 % and 100 psi."""
     (D, theta), (mean, measured) = (
         [float(of[name].at_100_psi(key)[PRINTED]) for key in ("diameter", "braid angle")]
         for name in ("estimated elastic", "measured")
@@ -292,8 +293,8 @@ def headline() -> list[Row]:
     stretched = float(elastic_braid().thread_length(np.asarray(_length()), np.asarray(100.0)))
     size = {name: spread(lambda of, name=name: _differences(of)[name]) for name in found}
     share = Row(
-        table, "the same over the measured", found["share"], "1", 0.047, 0.0005 + size["share"],
-        f"half a unit of the last digit, and {WHY}", "headline.diameter_overestimate_in, in percent",
+        table, "the same, relative to the measured", found["share"], "1", 0.047, 0.0005 + size["share"],
+        f"half a unit in the last digit, and {WHY}", "headline.diameter_overestimate_in, in percent",
     )  # fmt: skip
     return [
         beside(table, "diameter, estimated minus measured", found["D"], "in",
@@ -301,7 +302,7 @@ def headline() -> list[Row]:
         share,
         beside(table, "braid angle, measured minus estimated", found["theta"], "deg",
                "headline.braid_angle_underestimate_deg", size["theta"], WHY),
-        beside(table, "thread length lost to curvature, in cylinders of the mean diameters", found["B"],
+        beside(table, "thread length lost to curvature, for cylinders with the mean diameters", found["B"],
                "in", "headline.thread_length_lost_to_curvature_in", size["B"], WHY),
         Row(table, "the same along the measured outline at constant pitch",
             stretched - thread_along_outline(), "in"),
@@ -310,13 +311,13 @@ def headline() -> list[Row]:
 
 # %% [markdown]
 # ## Tables 6.11 and 6.12: blocked force and free contraction
-# With the latex law of a tensile test, without any fit.
+# These are computed with the latex law from a tensile test, without any fit.
 
 
 # %%
 @chapter.table("table 6.11: blocked force")
 def blocked() -> list[Row]:
-    """Table 6.11: model columns and their errors relative to the tested column."""
+    """Return table 6.11: the model columns and their errors relative to the tested column."""
     found = []
     for name, of in terms().items():
         for row, P in enumerate(PRESSURES):
@@ -327,14 +328,14 @@ def blocked() -> list[Row]:
             found.append(Row("6.11", entry, force - tested, "lbf"))
         rest = of.values["total force"][:, 0]
         error = np.abs(rest - printed()["tested"]["blocked_force_lbf"]).mean()
-        entry = f"{name}, mean absolute error of the blocked force over the pressures"
+        entry = f"{name}, mean absolute error in blocked force over the pressures"
         found.append(Row("6.11", entry, float(error), "lbf"))
     return found
 
 
 @chapter.table("table 6.12: free contraction")
 def free() -> list[Row]:
-    """Table 6.12: model columns and their errors relative to the tested column."""
+    """Return table 6.12: the model columns and their errors relative to the tested column."""
     found = []
     for name, contractions in free_contractions().items():
         for row, P in enumerate(PRESSURES):
@@ -345,20 +346,20 @@ def free() -> list[Row]:
             entry = f"{name}, {P:g} psi, free contraction minus the tested {tested}"
             found.append(Row("6.12", entry, float(contractions[row]) - tested, "1"))
         error = np.abs(contractions - printed()["tested"]["free_contraction"]).mean()
-        entry = f"{name}, mean absolute error of the free contraction over the pressures"
+        entry = f"{name}, mean absolute error in free contraction over the pressures"
         found.append(Row("6.12", entry, float(error), "1"))
     return found
 
 
 # %% [markdown]
 # ## The twin: force errors of each geometry
-# The shape comes from the twin's photographs, and the law is that of its own rubber, which a tensile test
-# would give; nothing is fitted. As in the print, the cylinders have the larger errors.
+# The shape is measured from the twin's photographs. The law is that of its own rubber, as a tensile test
+# would determine it; nothing is fitted. As in the print, the cylinders have the larger errors.
 
 
 # %%
 def missed(twin: Twin) -> list[Row]:
-    """Errors of blocked force and force over the stroke for the twin, by geometry and pressure."""
+    """Return the twin's errors in blocked force and in force over the stroke, by geometry and pressure."""
     law, data = famjax.PolynomialMaterial(jnp.array(twin.muscle.coefficients)), twin.data
     level, found = data.pressures.level, []
     for name, shape in twin.geometries().items():

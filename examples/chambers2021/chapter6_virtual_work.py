@@ -14,8 +14,9 @@ chapter = Chapter(__name__)
 
 # %% [markdown]
 # # Chapter 6, beyond the print: virtual work instead of Gaylord's force
-# Gaylord's force applies to a cylinder. A body with any outline pulls with -P dV/dL. If the threads
-# stretch, the derivative is at constant thread length, because the work that stretches them is internal.
+# Gaylord's force applies to a cylinder. A body with any outline pulls with the force -P dV/dL. If the
+# threads stretch, the derivative is taken at constant thread length, because the work that stretches them
+# is internal.
 
 # %%
 PRESSURE = 100.0
@@ -31,8 +32,8 @@ GAYLORD = "Gaylord force"
 AT_PRESSURE = "-P dV/dL at constant pressure"
 
 AT_THREAD_LENGTH = "-P dV/dL at constant thread length"
-"""Force of the pressure for a cylinder and by virtual work. At constant thread length, the work that
-stretches the threads is excluded."""
+"""Names of the force due to pressure, for a cylinder and by virtual work. At constant thread length, the
+work that stretches the threads is excluded."""
 
 
 @functools.cache
@@ -50,12 +51,12 @@ def _mean(values: Float[np.ndarray, " n"]) -> float:
     return float(np.trapezoid(values, CONTRACTIONS) / np.ptp(CONTRACTIONS))
 
 
-@chapter.table("the pressure's pull")
+@chapter.table("force due to the pressure")
 def work() -> list[Row]:
-    """Both terms and their means.
+    """Return both terms and their means.
 
-    At constant pressure, the mean of the derivative over the range is exact: a difference of two
-    volumes. At a single contraction, the derivative is that of the spline through five profiles.
+    At constant pressure, the mean of the derivative over the range is exact: it is the difference between
+    two volumes. At a single contraction, the derivative is that of the spline through five profiles.
     """
     table, found = "virtual work", []
     for name, columns in over_contraction().items():
@@ -71,7 +72,7 @@ def work() -> list[Row]:
                 (f"mean {quantity}, 0 to 35 %", _mean(values))
                 for quantity, values in columns.items()
             ),
-            ("mean absolute change of the pressure term, 0 to 35 %", _mean(np.abs(work - gaylord))),
+            ("mean absolute change in the pressure term, 0 to 35 %", _mean(np.abs(work - gaylord))),
             ("blocked force with -P dV/dL at constant thread length", blocked),
         ):
             found.append(Row(table, f"{name}, 100 psi, {entry}", float(value), "lbf"))
@@ -80,15 +81,15 @@ def work() -> list[Row]:
 
 # %% [markdown]
 # ## The work budget
-# For a stroke from rest to 35 % (or to zero force): int F dL on the load, int P dV of the fluid, and the
-# change of the energy of bladder and threads. A negative remainder is work that the force model creates
-# from nothing.
+# The budget of a stroke from rest to 35 % (or to zero force) contains int F dL, the work on the load;
+# int P dV, the work of the fluid; and the change in the energy of bladder and threads. A negative remainder
+# is work that the force model creates from nothing.
 
 
 # %%
-@chapter.table("work of a stroke")
+@chapter.table("work in a stroke")
 def strokes() -> list[Row]:
-    """Work budget of every geometry, and of the shape from mechanics."""
+    """Return the work budget for every geometry, and for the shape from mechanics."""
     tube, budgets = bladder(), {}
     shaped = famjax.EquilibriumMuscle(inelastic_braid(), tube, latex(), end_diameter=0.863)
     rest = float(tube.rest_length)
@@ -98,7 +99,7 @@ def strokes() -> list[Row]:
             end = rest * (1 - contraction)
             budgets[f"{name}, {pressure:g} psi"] = famjax.work_budget(muscle, pressure, rest, end)
     quantities = {
-        "left over / int P dV": ("left_over", ""),
+        "remainder / int P dV": ("left_over", ""),
         "int P dV": ("fluid", "in lbf"),
         "int F dL": ("load", "in lbf"),
         "stored in bladder and threads": ("stored", "in lbf"),

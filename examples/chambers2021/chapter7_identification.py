@@ -25,14 +25,14 @@ chapter = Chapter(__name__)
 
 # %% [markdown]
 # # Chapter 7: identification
-# With the latex law of a tensile test, the model misses the tested isobars. The chapter therefore asks
-# which E_n would fit them. It fits laws of order 1 to 4, free, linear or fixed in pressure, under four
+# With the latex law from a tensile test, the model does not match the tested isobars. The chapter therefore
+# asks which E_n would fit them. It fits laws of order 1 to 4, free, linear or fixed in pressure, under four
 # constraints: 48 fits in the measured geometry. The objective is the mean over pressures of the RMSE. The
 # work used a local solver. Because the force is linear in the E_n, each fit has one optimum, which
 # `fitting.sweep` certifies.
 #
-# The tested isobars are not printed. Every figure below uses other isobars: those of the twin, or, in
-# `famjax reproduce`, of a reconstruction. Agreement with the print shows that the method is the same.
+# The tested isobars are not printed. Every figure below uses other isobars: those of the twin or, in
+# `famjax reproduce`, those of a reconstruction. Agreement with the print shows that the method is the same.
 
 
 # %%
@@ -41,12 +41,12 @@ class Isobars:
     """Isobars to which the law is fitted.
 
     Attributes:
-        mark: prefix of every entry that names these isobars.
+        mark: prefix that identifies these isobars in every entry.
         data: readings.
-        geometry: geometry of the fits.
+        geometry: geometry used in the fits.
         ends: blocked force and free contraction of each isobar if known independently of the readings, for
-            example for a twin, whose records end before either; None takes them from the readings.
-        psi, lbf: values of these units in the units of the data.
+            example for a twin, whose records end before either; None if they follow from the readings.
+        psi, lbf: these units, expressed in the units of the data.
     """
 
     mark: str
@@ -57,7 +57,7 @@ class Isobars:
     lbf: float = 1.0
 
     def end_errors(self, fit: SweepRow) -> tuple[Float[np.ndarray, " pressures"], ...]:
-        """Return errors of blocked force [lbf] and free contraction [-] of a fit, by pressure."""
+        """Return the errors in blocked force [lbf] and free contraction [-] of a fit, by pressure."""
         if self.ends is None:
             blocked, free = fit.blocked_error_by_pressure, fit.free_contraction_error_by_pressure
             return blocked / self.lbf, free
@@ -83,7 +83,7 @@ class Isobars:
         )
 
     def latex_errors(self) -> dict[str, float]:
-        """Return mean MAE and RMSE [lbf] of the latex law of chapter 6, which is not fitted."""
+        """Return the mean MAE and RMSE [lbf] of the latex law from chapter 6, which is not fitted."""
         law = famjax.PolynomialMaterial(jnp.array(printed()["latex"]["E_psi"]) * self.psi)
         data = self.data
         force = famjax.Muscle(self.geometry, law).force(data.length, data.pressure)
@@ -131,7 +131,7 @@ def averages(
 
 # %%
 def constraints(of: Isobars) -> list[Row]:
-    """Tables 7.2 and 7.1: fourth order, linear in pressure, at all pressures and at 100 psi."""
+    """Return tables 7.2 and 7.1: fourth order, linear in pressure, at all pressures and at 100 psi."""
     printed_rows = {
         "none" if entry["name"] == "free" else entry["name"]: entry
         for entry in printed()["constraint_result"]
@@ -150,24 +150,24 @@ def constraints(of: Isobars) -> list[Row]:
 
 
 # %% [markdown]
-# ## The most flexible law, after Hocking
+# ## The most flexible law, following Hocking
 
 
 # %%
 def hocking(of: Isobars) -> list[Row]:
-    """Fourth order, free at every pressure, without constraints."""
+    """Return the errors of a fourth-order law, free at every pressure, without constraints."""
     label = "order 4, free in pressure, none"
     (fit,) = of.fits("free", 4, "none").rows
     return averages(of, "7, Hocking", label, fit, printed()["hocking"])
 
 
 # %% [markdown]
-# ## Tables 7.3 and 7.4: the latex of the tensile test and the fitted law
+# ## Tables 7.3 and 7.4: the latex law from the tensile test, and the fitted law
 
 
 # %%
 def third_order(of: Isobars) -> list[Row]:
-    """Tables 7.3 and 7.4: third order, fixed in pressure, and the latex of chapter 6."""
+    """Return tables 7.3 and 7.4: third order, fixed in pressure, and the latex law from chapter 6."""
     theirs_all, (fit,) = printed()["fixed_third_order"], of.fits("fixed", 3, "none").rows
     found = [
         Row("7.3", f"{of.mark}, order 3, fixed, E_{n}", float(ours), "psi", theirs)
@@ -179,7 +179,7 @@ def third_order(of: Isobars) -> list[Row]:
     for name, fitted in (("mae", fit.mae), ("rmse", fit.rmse)):
         theirs, label = theirs_all[f"{name}_lbf"], f"mean {name.upper()}"
         for which, ours, key in (
-            ("latex of chapter 6", latex[name], "experimental"),
+            ("latex law from chapter 6", latex[name], "experimental"),
             ("order 3, fixed", fitted / of.lbf, "optimised"),
         ):
             found.append(Row("7.4", f"{of.mark}, {which}, {label}", ours, "lbf", theirs[key]))
@@ -187,9 +187,10 @@ def third_order(of: Isobars) -> list[Row]:
 
 
 # %% [markdown]
-# Two errors of table 7.4 need no isobars: blocked force and free contraction of the printed laws, relative
-# to the tested ones. Tables 6.11 and 6.12 print these at 20 to 100 psi. Table 7.6 gives those at 10 psi, as
-# errors in lbf and in percent. The four pressures between are interpolated.
+# Two of the errors in table 7.4 require no isobars: those in blocked force and free contraction, computed
+# with the printed laws. The tested values at 20 to 100 psi are printed in tables 6.11 and 6.12. Those at
+# 10 psi follow from table 7.6, from its errors in lbf and in percent. Those at the four intermediate
+# pressures are interpolated.
 
 
 # %%
@@ -204,7 +205,7 @@ class _Ends(NamedTuple):
 
 
 def _tested(between: Callable[..., Any]) -> tuple[_Ends, _Ends]:
-    """Return the tested ends and the uncertainty that they have from rounding."""
+    """Return the tested ends and their uncertainty due to rounding."""
     tested, best = printed()["tested"], printed()["best_fit"]
     ends, rounding = [], []
     for known, half, error, half_error in (
@@ -221,7 +222,7 @@ def _tested(between: Callable[..., Any]) -> tuple[_Ends, _Ends]:
 
 
 def _end_errors(E: tuple[float, ...], change: Change, tested: _Ends) -> Float[np.ndarray, "2"]:
-    """Return mean absolute errors of a law in the measured geometry [lbf, -]."""
+    """Return the mean absolute errors of a law in the measured geometry [lbf, -]."""
     law = PressurePolynomialMaterial(jnp.array(ENDS), jnp.array([E, E]))
     muscle = famjax.Muscle(muscles(change)["measured"].geometry, law)
     blocked = balance(muscle, 0.0 * _TEN, _TEN)["total force"] - tested.blocked
@@ -229,13 +230,13 @@ def _end_errors(E: tuple[float, ...], change: Change, tested: _Ends) -> Float[np
     return np.array([np.abs(blocked).mean(), np.abs(free).mean()])
 
 
-@chapter.table("table 7.4: ends of the isobars by the printed laws")
+@chapter.table("table 7.4: ends of the isobars computed with the printed laws")
 def ends_of_laws() -> list[Row]:
     of, found = printed()["fixed_third_order"], []
     why = (
-        "what half a digit of B0 and of the tested figures, N as far as table 5.1 fixes it, 0.005 in of "
-        "the profiles (RMSE of three terms in table 4.2) and another interpolation between the tested "
-        "pressures change it by"
+        "the effects of half a digit in B0 and in the tested figures, the range of N consistent with table "
+        "5.1, 0.005 in on the profiles (RMSE of three terms in table 4.2), and another interpolation "
+        "between the tested pressures"
     )
     (tested, rounding), (other, _) = _tested(CubicSpline), _tested(PchipInterpolator)
     for law in ("experimental", "optimised"):
@@ -251,13 +252,13 @@ def ends_of_laws() -> list[Row]:
     return found
 
 
-@chapter.table("table 7.6: totals of its columns")
+@chapter.table("table 7.6: column totals")
 def totals() -> list[Row]:
     of = printed()["best_fit"]
     return [
         beside("7.6", f"mean of the printed {name.upper()} over pressures",
                float(np.mean(of[f"{name}_lbf"])), "lbf", f"best_fit.total_{name}_lbf", 0.005,
-               "as much for the entries of the column", misprint=name == "mae")
+               "the same for the entries in the column", misprint=name == "mae")
         for name in ("rmse", "mae")
     ]  # fmt: skip
 
@@ -269,7 +270,7 @@ def totals() -> list[Row]:
 
 # %%
 def best_fit(of: Isobars) -> list[Row]:
-    """Table 7.6: third order, linear in pressure, Drucker's constraint."""
+    """Return table 7.6: third order, linear in pressure, with Drucker's constraint."""
     table, fits = printed()["best_fit"], of.fits("linear", 3, "drucker")
     (fit,) = fits.rows
     label = f"{of.mark}, order 3, linear, drucker"
@@ -288,22 +289,22 @@ def best_fit(of: Isobars) -> list[Row]:
 
 
 def tables(of: Isobars) -> tuple[Table, ...]:
-    """Return every printed error of the chapter with the one on other isobars, without tolerances.
+    """Return the errors printed in the chapter, with those for other isobars, without tolerances.
 
-    Each is a separate sweep, which shows the progress to the reader.
+    Each table is a separate sweep, so that the reader sees the progress.
     """
     return (
         ("chapter 7, table 7.2: order 4, linear in pressure, each constraint",
          lambda: constraints(of)),
         ("chapter 7, section 7: order 4, free in pressure", lambda: hocking(of)),
-        ("chapter 7, tables 7.3 and 7.4: order 3, fixed, beside the latex", lambda: third_order(of)),
+        ("chapter 7, tables 7.3 and 7.4: order 3, fixed, compared with the latex", lambda: third_order(of)),
         ("chapter 7, table 7.6: order 3, linear in pressure, Drucker", lambda: best_fit(of)),
     )  # fmt: skip
 
 
 # %% [markdown]
 # ## The same on the twin
-# In the geometry of its photographs. The twin's true law does not depend on pressure.
+# The fits use the geometry measured from its photographs. The twin's true law does not depend on pressure.
 
 # %%
 if chapter.shown:
@@ -318,12 +319,12 @@ if chapter.shown:
 
 # %% [markdown]
 # ## The open question: are pressure-independent E_n enough?
-# With constant E_n, the work missed its isobars by 19.7 lbf, and with E_n linear in pressure by 4.1 lbf.
-# It left open whether the rubber depends on pressure, or whether shape, deadband and braid force were not
-# yet right. This study fits third-order laws, constant, linear and free in pressure, in five geometries,
-# with the deadband held at zero or identified. The data are muscles with pressure-independent laws, all
-# but the first more complex than any model, and the ten readings printed in the work. The criterion is the
-# error at held-out interior pressures.
+# With constant E_n, the error of the work's fit was 19.7 lbf, and with E_n linear in pressure 4.1 lbf. The
+# work left open whether the rubber depends on pressure, or whether the shape, the deadband and the braid
+# force were inaccurate. This study fits third-order laws, constant, linear and free in pressure, in five
+# geometries, with the deadband held at zero or identified. The data are force maps of muscles with
+# pressure-independent laws, all but the first more complex than any model, and the ten readings printed in
+# the work. The criterion is the error at held-out interior pressures.
 #
 # A constant law is **enough** if its held-out error is no larger than the in-sample error of the work's
 # best fit, and if it is stable along the actuation paths without a constraint.
@@ -337,7 +338,7 @@ def work_error() -> float:
 
 
 Case = dict[str, Trial]
-"""Trials of one model of one muscle, by form."""
+"""Trials of one model for one muscle, by form."""
 
 
 def cases(found: Sequence[Trial]) -> dict[tuple[str, str, bool], Case]:
@@ -349,13 +350,13 @@ def cases(found: Sequence[Trial]) -> dict[tuple[str, str, bool], Case]:
 
 
 def enough(case: Case) -> bool:
-    """Return True if the constant law is stable and its held-out error does not exceed the work's."""
+    """Return True if the constant law is stable and its held-out error is at most that of the work."""
     constant = case["constant"]
     return constant.modulus >= 0 and constant.left_out <= work_error()
 
 
 def question_table(found: Sequence[Trial]) -> list[str]:
-    """Format held-out error [% of the largest force], smallest modulus, and if the law is enough."""
+    """Format held-out error [% of the largest force], smallest modulus, and whether the law is enough."""
     gathered, lines, last = cases(found), [], None
     for (truth, model, deadband), case in gathered.items():
         if truth != last:
@@ -374,7 +375,7 @@ def _percent(share: float) -> str:
 
 
 def answer(found: Sequence[Trial]) -> tuple[str, str]:
-    """Summarise the numbers in two sentences: muscles with known truth, and the work's own muscle."""
+    """Summarise the results in words: for muscles with known truth, and for the work's own muscle."""
     gathered = cases(found)
     *known, own = dict.fromkeys(one.truth for one in found)
     right = [
@@ -389,11 +390,11 @@ def answer(found: Sequence[Trial]) -> tuple[str, str]:
     )
     verdict = "suffice" if count == len(known) else "do not suffice in every one"
     first = (
-        f"With the measured shape, the deadband identified and the better of Gaylord's force and virtual "
+        f"With the measured shape, an identified deadband and the better of Gaylord's force and virtual "
         f"work, constant E_n {verdict}: they are enough for {count} of {len(known)} muscles with known "
-        f"truth, with held-out errors up to {worst:.2g} % of the largest force (E_n that depend on "
-        f"pressure: {dependent:.2g} %). In the inelastic cylinder without deadband they are enough for "
-        f"{plain}, with errors up to {worst_plain:.2g} %."
+        f"truth. Held-out errors are at most {worst:.2g} % of the largest force (E_n that depend on "
+        f"pressure: {dependent:.2g} %). In the inelastic cylinder without a deadband they are enough for "
+        f"{plain}, with errors of at most {worst_plain:.2g} %."
     )
     theirs = {key: case for key, case in gathered.items() if key[0] == own}
     best = min(theirs.items(), key=lambda one: _constant_error(one[1]))
@@ -404,7 +405,7 @@ def answer(found: Sequence[Trial]) -> tuple[str, str]:
         f"For the work's own muscle, judged by ten printed readings, they "
         f"{'suffice' if passed else 'do not'}: the best constant law ({best[0][1]}, deadband "
         f"{'identified' if best[0][2] else 'zero'}) has an error of {100 * _constant_error(best[1]):.2g} % "
-        f"and is {'stable' if best[1]['constant'].modulus >= 0 else 'not stable'}. The best stable one has "
+        f"and is {'stable' if best[1]['constant'].modulus >= 0 else 'not stable'}. The best stable law has "
         f"{100 * min(map(_constant_error, stable), default=math.nan):.2g} %, E_n linear in pressure "
         f"{linear:.2g} %, and the work's best fit {100 * work_error():.2g} %."
     )

@@ -1,9 +1,9 @@
 """Beyond the work: the equilibrium shape computed from the printed specimen, compared with measurements.
 
-The work asks for a braid term with the real geometry. Here the profile minimises the energy. Force,
-diameter and free contraction follow from it, with nothing fitted to the muscle. The latex is that of the
-work's tensile test, either as two separate uniaxial laws, as in the work, or as one isotropic
-incompressible law through the same curve.
+The work calls for a braid term with the real geometry. Here the profile minimises the energy. Force,
+diameter and free contraction are computed from the profile, with nothing fitted to the muscle. The latex
+is that of the work's tensile test. It is described by two separate uniaxial laws, as in the work, or by
+one isotropic incompressible law fitted to the same curve.
 
     python examples/chambers2021/equilibrium_shape.py [--json] [--fit]
 """
@@ -27,7 +27,7 @@ from famjax.materials import AbstractHyperelastic, AbstractMaterial
 
 STATIONS = np.linspace(0, 1, 201)
 TOLERANCES = np.array([1 / 32, 0.005, 0.04])
-"""Tolerances of the print used in the fit: thread length [in], turns and end diameter [in]."""
+"""Tolerances of the printed values used in the fit: thread length [in], turns and end diameter [in]."""
 
 
 class Latex(AbstractHyperelastic):
@@ -40,7 +40,7 @@ class Latex(AbstractHyperelastic):
     coefficients: Float[Array, " terms"] = parameter("Pa", kind="stress", name="C_{}")
 
     def energy(self, axial_stretch: Real, hoop_stretch: Real) -> Float[Array, "..."]:
-        """Energy W per volume, broadcast shape."""
+        """Return the energy W per volume, broadcast shape."""
         a, b = jnp.square(axial_stretch), jnp.square(hoop_stretch)
         first, second = a + b + 1 / (a * b) - 3, 1 / a + 1 / b + a * b - 3
         C = self.coefficients
@@ -53,7 +53,7 @@ class Latex(AbstractHyperelastic):
 
 
 def isotropic() -> Latex:
-    """Fit the isotropic law to the printed tensile curve, in nominal stress up to a strain of 2.1."""
+    """Fit the isotropic law to the printed tensile curve, in nominal stress, up to a strain of 2.1."""
     strain = np.linspace(0.01, 2.1, 210)
     true = sum(E * strain ** (n + 1) for n, E in enumerate(printed()["latex"]["E_psi"]))
     stretch = 1 + strain
@@ -80,13 +80,13 @@ def nominal() -> tuple[float, float, float]:
 
 
 def made(B: Real, N: Real, end: Real, law: AbstractMaterial) -> EquilibriumMuscle:
-    """Build the muscle from these numbers."""
+    """Build the muscle from thread length B, turns N, end diameter and law."""
     braid = Braid(B, N, printed()["specimen"]["braid_thickness_in"])
     return EquilibriumMuscle(braid, bladder(), law, end_diameter=end, modes=26)
 
 
 def rows() -> list[dict[str, Any]]:
-    """Compute the tables, measured and computed: profiles at 100 psi, and both ends of the stroke."""
+    """Return measured and computed values: profiles at 100 psi, and both ends of the stroke."""
     found = []
     table = printed()["profile_100psi"]
     contractions = np.array([row["contraction"] for row in table])
@@ -117,7 +117,7 @@ def rows() -> list[dict[str, Any]]:
 
 
 def one_law_fit() -> dict[str, Any]:
-    """Fit one pressure-independent law, with B, N and end diameter within tolerance, to ten figures.
+    """Fit one pressure-independent law to ten figures, with B, N and end diameter within tolerance.
 
     The figures are the blocked forces at five pressures, and zero force at the free contractions.
     """
@@ -158,13 +158,13 @@ def one_law_fit() -> dict[str, Any]:
 def thread_lengths() -> list[dict[str, Any]]:
     """Return the length of one thread along each measured profile, for comparison with 9.89 in.
 
-    A thread pinned at its crossings winds evenly along itself, so with the meridian s
+    A thread pinned at its crossings winds evenly along its own length, so with the meridian s
 
         int ds / sqrt(B^2 - (2 pi N r)^2) = 1.
 
     A thread free to slide is a geodesic, r sin(angle to the meridian) = c, with
-    int c ds / (r sqrt(r^2 - c^2)) = 2 pi N. The thread length "lost to curvature" in the work is that of
-    a cylinder with the mean diameter, and an artefact of it.
+    int c ds / (r sqrt(r^2 - c^2)) = 2 pi N. The thread length "lost to curvature" in the work is computed
+    for a cylinder with the mean diameter, and is an artefact of the cylinder.
     """
     nodes, weights = np.polynomial.legendre.leggauss(400)
     x, w = (nodes + 1) / 2, weights / 2
@@ -195,12 +195,12 @@ def thread_lengths() -> list[dict[str, Any]]:
 
 
 def _without_nan(found: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Replace missing values by null for JSON."""
+    """Replace missing values with null for JSON."""
     return [{k: None if v != v else v for k, v in row.items()} for row in found]  # noqa: PLR0124
 
 
 def main(arguments: list[str]) -> None:
-    """Print the tables, or one JSON list of their rows."""
+    """Print the tables, or their rows as one JSON list."""
     jax.config.update("jax_enable_x64", True)
     found = rows() + thread_lengths()
     if "--fit" in arguments:

@@ -1,4 +1,4 @@
-"""Terms of the force balance for the four geometries, over pressure and contraction."""
+"""Terms of the force balance for the four geometries, as functions of pressure and contraction."""
 
 import dataclasses
 import functools
@@ -17,13 +17,13 @@ from famjax.compile_options import quick_jit
 from famjax.terms import VirtualWork, bladder_axial_force, bladder_hoop_force
 
 PRINTED_FREE = 0.353
-"""Contraction of tables 6.1 and 6.2."""
+"""Contraction used in tables 6.1 and 6.2."""
 
 GRID = 101
 """Points from rest to a free contraction, used for extremes and means."""
 
 OWN, TESTED = slice(0, GRID), slice(GRID, 2 * GRID)
-"""Columns of `Terms` from rest to the geometry's own and to the tested free contraction."""
+"""Columns of `Terms` from rest to the geometry's own, and to the tested, free contraction."""
 
 PRINTED, LAST = 2 * GRID, 2 * GRID + 1
 """Columns of `Terms` at `PRINTED_FREE` and at the last measured profile."""
@@ -33,7 +33,7 @@ ORDERS = 4
 
 @dataclasses.dataclass(frozen=True)
 class Terms:
-    """All terms of the balance, over pressure (rows) and contraction (columns); psi, in, lbf."""
+    """All terms of the balance, by pressure (rows) and contraction (columns); psi, in, lbf."""
 
     contraction: Float[np.ndarray, "pressures columns"]
     values: dict[str, Float[np.ndarray, "pressures columns"]]
@@ -60,15 +60,15 @@ _POINTS = 1024
 """States per call of the compiled balance."""
 
 _KNOWN = 0.367
-"""Largest contraction with a known shape: 0.35, plus a twentieth of it by extrapolation."""
+"""Largest contraction with a known shape: 0.35, plus a twentieth of that by extrapolation."""
 
 
 def balance(
     muscle: Muscle, contraction: ArrayLike, pressure: ArrayLike
 ) -> dict[str, Float[np.ndarray, "..."]]:
-    """Compute the terms of the force balance with strains and their moments, broadcast shape.
+    """Compute the terms of the force balance, with strains and their moments, broadcast shape.
 
-    Each geometry needs one compiled program, whatever the number of states.
+    Each geometry needs only one compiled program, whatever the number of states.
 
     Args:
         muscle: muscle in inches and psi.
@@ -132,12 +132,12 @@ def _balance(
 def free_contraction(muscle: Muscle, pressure: ArrayLike) -> Float[np.ndarray, " n"]:
     """Return the smallest contraction with zero force at each pressure [psi].
 
-    The range up to `_KNOWN` is subdivided, then repeatedly the first part in which the force falls
-    through zero, until its ends are adjacent numbers. `Muscle.free_contraction` gives the same result;
-    this function needs no program other than that of the balance.
+    The range up to `_KNOWN` is subdivided. Then the first part in which the force falls through zero is
+    subdivided repeatedly, until its ends are adjacent floating-point numbers. `Muscle.free_contraction`
+    gives the same result; this function needs no compiled program other than that of the balance.
 
     Raises:
-        RuntimeError: the force does not fall through zero.
+        RuntimeError: the force does not fall through zero at some pressure.
     """
     P = np.asarray(pressure, float)[:, None]
     share = np.linspace(0, 1, _POINTS // P.size)
@@ -147,7 +147,9 @@ def free_contraction(muscle: Muscle, pressure: ArrayLike) -> Float[np.ndarray, "
         force = balance(muscle, c, P)["total force"]
         falls = (force[:, :-1] > 0) & (force[:, 1:] <= 0)
         if not falls.any(axis=1).all():
-            raise RuntimeError("the force does not fall through zero at every pressure")
+            raise RuntimeError(
+                "the force must fall through zero at every pressure, but does not at some"
+            )
         cell = falls.argmax(axis=1)[:, None]
         first, last = (np.take_along_axis(c, at, axis=1) for at in (cell, cell + 1))
     return last[:, 0]
@@ -178,7 +180,7 @@ def terms(change: Change = NONE, further: float = 0.0) -> dict[str, Terms]:
 
 
 def open_changes() -> tuple[Change, ...]:
-    """List the uncertainties of the print: half a digit of B0, N by table 5.1, RMSE of three terms."""
+    """Return the uncertainties of the print: half a digit in B0, N from table 5.1, RMSE of three terms."""
     rmse = dict(
         zip(*(printed()["fourier_terms"][key] for key in ("terms", "rmse_in")), strict=True)
     )
@@ -186,13 +188,13 @@ def open_changes() -> tuple[Change, ...]:
 
 
 WHY = (
-    "what 0.001 of free contraction (printed as 35.3 % and as 0.354), half a digit of B0, N as far as "
-    "table 5.1 fixes it, and 0.005 in of the profiles (RMSE of three terms in table 4.2) change it by"
+    "the effects of 0.001 in free contraction (printed as 35.3 % and as 0.354), half a digit in B0, the "
+    "range of N consistent with table 5.1, and 0.005 in on the profiles (RMSE of three terms in table 4.2)"
 )
 
 
 def spread(value: Callable[[Mapping[str, Terms]], float]) -> float:
-    """Return the tolerance of a figure for the reasons in `WHY`: the sum of their effects."""
+    """Return the tolerance of a figure: the sum of the effects named in `WHY`."""
     first = value(terms())
     others = [terms(NONE, 0.001), *(terms(change) for change in open_changes())]
     return sum(abs(value(of) - first) for of in others)

@@ -1,4 +1,4 @@
-"""Do pressure-independent E_n suffice? Fits of each geometry to muscles with known or printed truth."""
+"""Do pressure-independent E_n suffice? Each geometry is fitted to muscles with known or printed truth."""
 
 import dataclasses
 from collections.abc import Iterator, Mapping
@@ -36,18 +36,18 @@ from rig.plan import Isobaric, PlanFile
 ORDER = 3
 """Order of the law chosen in the work."""
 FORMS = ("constant", "linear", "free")
-"""Pressure dependence of the E_n; free: values at each tested pressure, linear in between."""
+"""Pressure dependence of the E_n; free: a value at each tested pressure, linear in between."""
 WORK = "measured, virtual work"
 RUBBER = famjax.materials.MooneyRivlinMaterial(25.0 * units.PSI, 15.0 * units.PSI)
-"""A non-polynomial law, as stiff as the latex of chapter 6 at its largest strain."""
+"""A non-polynomial law, as stiff as the latex in chapter 6 at its largest strain."""
 
 Model = tuple[AbstractGeometry, PressurisedBraid | VirtualWork]
-"""Geometry and force term of the pressure."""
+"""Geometry, and force term due to the pressure."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Truth:
-    """A muscle to fit: name, force map and its models, in SI."""
+    """A muscle to fit: name, force map and models, in SI."""
 
     name: str
     data: fitting.ForceData
@@ -56,12 +56,12 @@ class Truth:
 
 @dataclasses.dataclass(frozen=True)
 class Trial:
-    """One model of one muscle with one pressure dependence; errors relative to the largest force.
+    """One model of one muscle with one pressure dependence; errors are relative to the largest force.
 
     Attributes:
         truth, model, deadband, form: description of the fit; the deadband is identified or held at zero.
         rmse: RMSE of the fit; nan if the readings do not determine the law.
-        left_out: held-out error for each pressure except the lowest and the highest.
+        left_out: held-out RMSE over all pressures except the lowest and the highest.
         modulus: smallest modulus along the paths [Pa] for a constant law; stable (Drucker) if >= 0.
     """
 
@@ -77,8 +77,8 @@ class Trial:
 def truths(twin: Twin) -> Iterator[Truth]:
     """Yield the twin as measured, three more complex muscles on the simulated rig, and the work's own.
 
-    The complex muscles have the work's braid with elastic threads. Their models use the true shape, as
-    photographs would show it; their cylinders use the printed braid.
+    The complex muscles have the work's braid, with elastic threads. Their models use the true shape, as
+    photographs would show it; the cylinders use the printed braid.
     """
     yield Truth("twin", twin.data, models(twin.geometries()))
     printed_shapes: dict[str, AbstractGeometry] = dict(
@@ -130,7 +130,7 @@ def with_ends() -> dict[str, AbstractGeometry]:
 
 
 def simulated(muscle: famjax.Muscle, friction: float, folder: Path) -> fitting.ForceData:
-    """Measure the force map of a muscle on the simulated rig; the result is kept in a folder."""
+    """Measure the force map of a muscle on the simulated rig, and keep the result in a folder."""
     path = folder / "dataset.csv"
     if not path.exists():
         rest = float(muscle.geometry.rest_length)
@@ -184,8 +184,8 @@ _PADDED = 512
 class System:
     """The force of a model at the readings, F = force + columns (E_1, E_2, E_3, P_d).
 
-    It is linear in the E_n, and for both force terms of the pressure also in the deadband. A fit is
-    therefore linear least squares, and leaving out a pressure costs nothing more. `fitting.identify` gives
+    The force is linear in the E_n and, for both pressure terms, also in the deadband. A fit is therefore
+    a linear least-squares problem, and leaving out a pressure adds little work. `fitting.identify` gives
     the same result with a certificate, and can also enforce stability and identify the geometry.
     """
 
@@ -224,7 +224,7 @@ class System:
     def _matrix(
         self, form: str, levels: Float[np.ndarray, " p"]
     ) -> Float[np.ndarray, "n unknowns"]:
-        """Return the columns of the E_n at the nodes of the form, and of the deadband."""
+        """Return the columns for the E_n at the nodes of the form, and for the deadband."""
         P = self.data.pressure
         nodes = {"constant": levels[:1], "linear": levels[[0, -1]], "free": levels}[form]
         if nodes.size == 1:
@@ -270,7 +270,7 @@ def _linear(
     length: Float[Array | np.ndarray, " n"],
     pressure: Float[Array | np.ndarray, " n"],
 ) -> tuple[Float[Array, " n"], Float[Array, "unknowns n"]]:
-    """Return the force [N] without law and deadband, and its derivative by each unknown [N/Pa]."""
+    """Return the force [N] without law and deadband, and its derivatives [N/Pa] by the unknowns."""
 
     def force(unknowns: Float[Array, " unknowns"]) -> Float[Array, " n"]:
         law = famjax.PolynomialMaterial(unknowns[:ORDER])
@@ -284,7 +284,7 @@ def _linear(
 def least_modulus(
     data: fitting.ForceData, model: Model, unknowns: Float[np.ndarray, " unknowns"]
 ) -> float:
-    """Return the smallest modulus of a constant law along the paths of all tested pressures [Pa]."""
+    """Return the smallest modulus [Pa] of a constant law along the paths at all tested pressures."""
     level, geometry = data.pressures.level, model[0]
     low = float(geometry.length_range()[0])
     lengths, pressures = [], []

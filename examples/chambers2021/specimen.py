@@ -25,7 +25,7 @@ PRESSURES = (20.0, 40.0, 60.0, 80.0, 100.0)
 """Gauge pressures [psi] of the printed force tables."""
 
 ENDS = (10.0, 100.0)
-"""Lowest and highest tested gauge pressure [psi], the nodes of a law that is linear in pressure."""
+"""Lowest and highest tested gauge pressures [psi], the nodes of a law that is linear in pressure."""
 
 
 def bladder(inch: float = 1.0) -> Bladder:
@@ -39,12 +39,12 @@ def bladder(inch: float = 1.0) -> Bladder:
 
 
 class Change(NamedTuple):
-    """Changes of the specimen within the uncertainty of the print, in inches and turns.
+    """Changes to the specimen within the uncertainty of the print, in inches and turns.
 
     Attributes:
-        thread_length: change of B0.
-        turns: change of N.
-        diameter: change of every photographed profile.
+        thread_length: change in B0.
+        turns: change in N.
+        diameter: change in the diameter of every photographed profile.
     """
 
     thread_length: Real = 0.0
@@ -56,7 +56,7 @@ NONE = Change()
 
 
 def inelastic_braid(inch: float = 1.0, change: Change = NONE) -> Braid:
-    """Return the specimen's braid with inextensible threads of the length used in chapter 6."""
+    """Return the specimen's braid, with inextensible threads of the length used in chapter 6."""
     of = printed()["specimen"]
     return Braid(
         (of["thread_length_B_used_in_chapter_6_in"] + change.thread_length) * inch,
@@ -68,7 +68,7 @@ def inelastic_braid(inch: float = 1.0, change: Change = NONE) -> Braid:
 def elastic_braid(
     softness: Real = 1.0, *, inch: float = 1.0, psi: float = 1.0, change: Change = NONE
 ) -> ElasticBraid:
-    """Return the specimen's braid with the modulus found in situ, 11.6e6 psi divided by `softness`."""
+    """Return the specimen's braid with the in-situ thread modulus, 11.6e6 psi, divided by `softness`."""
     of, braid = printed()["specimen"], inelastic_braid(inch, change)
     modulus = of["thread_modulus_in_situ_linear_psi"] * psi / softness
     thread = LinearThread(modulus, of["thread_area_in2"] * inch**2)
@@ -78,21 +78,21 @@ def elastic_braid(
 
 
 def transcribed_profile(row: dict[str, Any]) -> FourierProfile:
-    """Return one row of table 4.3 with printing errors corrected as transcribed, not symmetrised."""
+    """Return one row of table 4.3 with the transcription's corrections of misprints, not symmetrised."""
     return FourierProfile(row["a"][0], row["a"][1:], row["b"], row["w_corrected"])
 
 
 def profile(row: dict[str, Any]) -> FourierProfile:
-    """Return one row of table 4.3 as used: its coefficients about their own middle.
+    """Return one row of table 4.3 as used: symmetric about its middle.
 
     The printed a_n and b_n determine w. The odd part of the profile about x = 1/2,
 
     o_n = b_n cos(n w / 2) - a_n sin(n w / 2),
 
     is minimised in the least-squares sense, and the remainder is removed. In every row the remainder is
-    within the rounding of the print, 0.005 of a coefficient and 0.05 of b_3 = -0.5 at 35 %. That row
-    needs w to four decimals, 2.1776: with the transcribed 2.176, a_1 would be off by seven times its
-    rounding.
+    within the rounding of the print, 0.005 in a coefficient and 0.05 in b_3 = -0.5 at 35 %. That row
+    requires w to four decimals, 2.1776: with the transcribed 2.176, the error in a_1 would be seven times
+    its rounding.
     """
     a, b = np.array(row["a"][1:]), np.array(row["b"])
     n, w = np.arange(1, a.size + 1), row["w_corrected"]
@@ -121,7 +121,7 @@ def _scaled(one: FourierProfile, inch: float, wider: Real) -> FourierProfile:
 
 
 def tube_volume(length: float, outer_diameter: float, thickness: float) -> float:
-    """Return the volume of the rubber in a tube, V = pi t (D - t) L."""
+    """Return the volume of material in a tube, V = pi t (D - t) L."""
     return math.pi * thickness * (outer_diameter - thickness) * length
 
 
@@ -147,9 +147,9 @@ def elliptic_ends(
 
 
 def latex() -> PressurePolynomialMaterial:
-    """Return the latex of chapter 6 in psi, the same at all pressures.
+    """Return the latex law from chapter 6 in psi, the same at all pressures.
 
-    It is written as a law that is linear in pressure, so both kinds share compiled programs.
+    It is expressed as a law that is linear in pressure, so that both kinds share compiled programs.
     """
     E = printed()["latex"]["E_psi"]
     return PressurePolynomialMaterial(jnp.array(ENDS), jnp.array([E, E]))
@@ -174,13 +174,13 @@ def four_geometries(
 
 @quick_jit
 def _build(change: Change) -> tuple[tuple[AbstractGeometry, ...], PressurePolynomialMaterial]:
-    """Build geometries and latex in one program instead of one per operation."""
+    """Build the geometries and the latex law in one program instead of one per operation."""
     return four_geometries(change=change), latex()
 
 
 @functools.cache
 def muscles(change: Change = NONE) -> dict[str, Muscle]:
-    """Return the four muscles of the specimen with the latex, by name."""
+    """Return the four muscles of the specimen, with the latex law, by name."""
     shapes, law = _build(Change(*map(np.asarray, map(float, change))))
     return {name: Muscle(shape, law) for name, shape in zip(GEOMETRIES, shapes, strict=True)}
 
@@ -191,7 +191,7 @@ def geometries() -> dict[str, AbstractGeometry]:
 
 
 def open_turns() -> float:
-    """Return the uncertainty of N = 1.09 by table 5.1, where pi N D = B cos(theta), with its rounding."""
+    """Return the uncertainty of N = 1.09 from table 5.1 and its rounding, where pi N D = B cos(theta)."""
     table, used = printed()["elastic_braid"], printed()["specimen"]["turns_N"]
     D, B, theta = np.array(table["D_in"]), np.array(table["B_in"]), np.deg2rad(table["theta_deg"])
     N = B * np.cos(theta) / (np.pi * D)

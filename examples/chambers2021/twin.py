@@ -1,4 +1,4 @@
-"""The twin of the muscle: records and photographs of a known muscle, created once in a folder.
+"""The muscle's twin: records and photographs of a known muscle, created once in a folder.
 
 The work's own records and photographs are not published. `tests/rendering` in the clone simulates a
 similar muscle, tests it on the simulated rig and photographs it with the simulated camera, including
@@ -29,7 +29,7 @@ from imaging.pictures import measure_pictures
 from rig.journal import read_journal
 
 DISTANCE, PITCH, PLACEMENT = 60 * units.INCH, units.INCH / 8, 0.01 * units.INCH
-"""Distances from camera to muscle and between ruler marks, and error of the ruler's plane [m]."""
+"""Distance from camera to muscle, pitch of the ruler marks, and error in the ruler's plane [m]."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,37 +37,37 @@ class Twin:
     """A twin in its folder, and its measurements in SI.
 
     Attributes:
-        folder: folder with journal, log, photographs, ruler, sheet and truth.
+        folder: folder that contains the journal, log, photographs, ruler, sheet and truth.
     """
 
     folder: Path
 
     @classmethod
     def of_command_line(cls) -> "Twin":
-        """Open the twin in `--folder`; it is created if missing."""
+        """Open the twin in `--folder`; create it if it is missing."""
         parser = argparse.ArgumentParser(allow_abbrev=False)
         parser.add_argument("--folder", type=Path, default=Path("chambers2021-twin"))
         parser.add_argument("--size", choices=("small", "large"), default="small")
         given, _ = parser.parse_known_args()  # a notebook kernel has its own arguments
         if not (given.folder / "characterisation.toml").exists():
-            print(f"making the {given.size} twin in {given.folder} ...", file=sys.stderr)
+            print(f"creating the {given.size} twin in {given.folder} ...", file=sys.stderr)
             made.write_twin(given.folder, size=given.size)
         return cls(given.folder)
 
     @functools.cached_property
     def sheet(self) -> Sheet:
-        """Known data of the muscle."""
+        """Known data of the muscle, from its sheet."""
         return read_sheet(self.folder)
 
     @functools.cached_property
     def truth(self) -> "folder_truth.Truth":
-        """True parameters of the twin, used to judge results and for the counted turns of the braid."""
+        """True parameters of the twin, used to judge results and as the counted turns of the braid."""
         drawn = folder_truth.drawn_truth(0, "small", flawed=True)  # replaced entirely by the file
         return folder_truth.read_truth(self.folder / folder_truth.TRUTH, drawn)
 
     @functools.cached_property
     def lengths(self) -> dict[str, float]:
-        """True length [m] in each photograph."""
+        """True length [m] of the muscle in each photograph."""
         with (self.folder / made.TRUE_LENGTHS).open(encoding="utf-8") as file:
             return {row["picture"]: float(row["length_m"]) for row in csv.DictReader(file)}
 
@@ -78,7 +78,7 @@ class Twin:
 
     @functools.cached_property
     def test(self) -> Analysis:
-        """Journal and machine log on one clock, and the curves at each pressure."""
+        """Journal and machine log on a common clock, and the curves at each pressure."""
         return analyse(
             read_journal(self.folder / "test.fam"),
             read_machine_log(self.folder / "machine.csv"),
@@ -95,7 +95,7 @@ class Twin:
 
     @functools.cached_property
     def pictures(self) -> "imaging.Table":
-        """Measured photographs with the machine's readings at each picture."""
+        """Measurements from the photographs, with the machine's readings at the time of each."""
         ruler = self.folder / "ruler.jpg"
         scale = imaging.calibrate_ruler(
             ruler, pitch=PITCH, distance=DISTANCE, placement_stderr=PLACEMENT
@@ -111,7 +111,7 @@ class Twin:
 
     @functools.cached_property
     def surface(self) -> "fitting.shapes.ShapeSurface":
-        """D(z; L) through the pictures."""
+        """Surface D(z; L) fitted to the photographs."""
         _ = self.pictures
         return fitting.shape_surface(self.folder / "pictures" / "measurements.nc")
 

@@ -1,6 +1,6 @@
-"""The command line, and work that joins the packages: tests, photographs and fits of one muscle.
+"""The command line, and code that combines the packages: tests, photographs and fits of one muscle.
 
-The only package that imports all others.
+This is the only package that imports all the others.
 """
 
 import lazy_loader

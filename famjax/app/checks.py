@@ -1,4 +1,4 @@
-"""Cross-checks: compare values of one quantity from two sources, for records and specimen."""
+"""Cross-checks that compare two sources of one quantity, for records and specimen."""
 
 import dataclasses
 import json
@@ -17,12 +17,12 @@ from .folder import ASSUMED, Sheet
 from .isobaric import Analysis
 
 CHECKS = "checks.json"
-"""File with the checks of a step, in its folder."""
+"""File with the checks of a step, in that step's folder."""
 
 AGREES, DOUBTFUL, CONTRADICTS, NOT_KNOWN = "agrees", "doubtful", "contradicts", "not known"
 
 DOUBT, REFUSAL = 2.0, 5.0
-"""Standard errors beyond which a value is doubtful, and beyond which the run stops."""
+"""Numbers of standard errors beyond which a value is doubtful, and beyond which the run stops."""
 
 _RATE = 0.02  # relative error of the speed that a machine is set to
 
@@ -55,7 +55,7 @@ class Check:
         unit: str = "",
         say: str = "",
     ) -> "Check":
-        """Compare a value with its expected range, and with the range outside which it is impossible."""
+        """Compare a value with its expected range, and with the range of possible values."""
         (low, high), end = expected, f" {unit}".rstrip()
         told = f"{low:.4g} to {high:.4g}{end}" if math.isfinite(high) else f"{low:.4g}{end} or more"
         verdict = AGREES if low <= found <= high else DOUBTFUL
@@ -67,7 +67,7 @@ class Check:
     def about(
         cls, what: str, found: float, value: float, std: float, *, unit: str = "", say: str = ""
     ) -> "Check":
-        """Compare two values by the standard error of their difference."""
+        """Compare two values using the standard error of their difference."""
         expected, possible = ((value - size * std, value + size * std) for size in (DOUBT, REFUSAL))
         return cls.of(what, found, expected, possible, unit, say)
 
@@ -88,12 +88,12 @@ def settle(checks: Sequence[Check], place: Path) -> None:
     if wrong:
         raise InputError(
             f"files in the folder contradict each other. {' '.join(wrong)} All checks are in "
-            f"{place / CHECKS}. If an error is known to be larger, state it in [errors] of the sheet"
+            f"{place / CHECKS}. If an error is known to be larger, state it in [errors] in the sheet"
         )
 
 
 def read_checks(*places: Path) -> list[Check]:
-    """Read the checks of steps; empty if there are none."""
+    """Read the checks of the given steps; empty if there are none."""
     paths = [place / CHECKS for place in places if (place / CHECKS).exists()]
     return [Check(**row) for path in paths for row in json.loads(path.read_text(encoding="utf-8"))]
 
@@ -112,26 +112,26 @@ def record_checks(sheet: Sheet, journal: Record, found: Analysis) -> list[Check]
 
 
 def _loads(found: Analysis, std: float) -> list[Check]:
-    """Compare both load cells: a gain may reveal a wrong unit, and scatter a log of another test."""
+    """Compare the two load cells: gain may reveal a wrong unit, and scatter a log from another test."""
     gain, scatter = found.loads
     return [
         Check.about(
             "ratio of journal load to machine load", gain, 1.0, math.hypot(std, std),
-            say=f"They differ by a factor of {gain:.4g}. A factor of 4.448 is lbf for N, 9.807 kgf for N, "
-            "1000 kN for N. The analysis uses the machine's force: check its unit and both calibrations, "
-            "and that journal and log belong to one test.",
+            say=f"They differ by a factor of {gain:.4g}. A factor of 4.448 means that lbf and N were "
+            "confused; 9.807, kgf and N; 1000, kN and N. The analysis uses the machine's force: check its "
+            "unit and both calibrations, and that journal and log are from one test.",
         ),
         Check.of(
-            "remaining scatter of the two loads, relative to their range", scatter,
+            "residual scatter between the two loads, relative to their range", scatter,
             (0.0, std / 2), (0.0, 1.5 * std),
-            say="Journal and log may belong to two tests, or the log's force column may be another load: "
-            "give the log recorded with this journal.",
+            say="Journal and log may be from different tests, or the log's force column may contain "
+            "another load: use the log recorded with this journal.",
         ),
     ]  # fmt: skip
 
 
 def _angle(found: Analysis, specimen: Specimen) -> list[Check]:
-    """Check that the force rises with pressure as a braid's does."""
+    """Check that the force rises with pressure as it does for a braid."""
     bars = found.characterisation.isobars
     pressure, force = np.array([(bar.pressure, bar.force[0]) for bar in bars]).T
     diameter = specimen.bladder_diameter or specimen.nominal_diameter
@@ -145,7 +145,7 @@ def _angle(found: Analysis, specimen: Specimen) -> list[Check]:
             "braid angle from the rise of force with pressure, P pi R^2 (2 tan^2 - 1)", angle,
             (50.0, 80.0), (35.3, 88.0), "deg",
             say="Pressure, force and bladder diameter are inconsistent: check their units, the sign of the "
-            "force, the pressure calibration, bladder_diameter, and that journal and log belong to one "
+            "force, the pressure calibration, bladder_diameter, and that journal and log are from one "
             "test.",
         ),
     ]  # fmt: skip
@@ -169,12 +169,13 @@ def _plan(journal: Record, found: Analysis, skipped: int) -> list[Check]:
         Check.of(
             "ratio of machine speed to planned rate", ratio, (1 - 2 * _RATE, 1 + 2 * _RATE),
             (0.4, 2.5),
-            say="The machine ran at another rate than planned, or the unit of its displacement or time is "
-            "wrong: check both. A factor of 25.4 is inches for mm, 1000 m for mm or mm for um.",
+            say="The machine did not run at the planned rate, or the unit of its displacement or time is "
+            "wrong: check both. A factor of 25.4 means that inches and mm were confused; 1000, m and mm or "
+            "mm and um.",
         ),
         Check.of(
             "complete strokes in journal and log", complete, (planned, math.inf),
             say="Strokes are missing, so some pressures have fewer strokes or none. "
-            + (" ".join(curves.notes[:4]) or "Export the whole log, if it was cut short."),
+            + (" ".join(curves.notes[:4]) or "Export the whole log if it was cut short."),
         ),
     ]  # fmt: skip

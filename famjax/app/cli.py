@@ -1,4 +1,4 @@
-"""The `famjax` command line: lists every command, imports only the one that runs."""
+"""The `famjax` command line: lists every command and imports only the one that runs."""
 
 import gc
 import importlib.util
@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 # On few cores, batched LAPACK calls from two threads can hang jaxlib. Set this before JAX starts.
 os.environ.setdefault("PJRT_NPROC", "16")
 
-_RIG_HELP = "Control the pressure of a muscle, record a test, or simulate both; see rig/firmware."
-_HELP = "Turn force measurements of fluidic artificial muscles into identified, stable models."
+_RIG_HELP = "Control a muscle's pressure, record a test, or simulate either; see rig/firmware."
+_HELP = "Identify stable models of fluidic artificial muscles from force measurements."
 
 _FITTING, _HERE = "fitting.cli", "famjax.app"
 COMMANDS = (
@@ -39,9 +39,9 @@ RIG_COMMANDS = (
 """Commands under `famjax rig` that import other packages; `rig.cli` defines the rest."""
 
 STANDARD_INPUT = "<stdin>"
-"""Replaces `-` among the arguments."""
+"""Replaces `-` in the arguments and means standard input."""
 STOPPED, NO_READER = 130, 141
-"""Exit codes after Ctrl-C and after a closed pipe (as for SIGPIPE)."""
+"""Exit codes after Ctrl-C and after the output pipe was closed (as for SIGPIPE)."""
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -71,10 +71,10 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def clashes() -> list[str]:
-    """Return one sentence for each sibling package replaced by foreign code; none is imported.
+    """Return one sentence for each sibling package shadowed by other code; imports none of them.
 
-    Other distributions use two of these names, and any script's folder can hold a `fitting.py`. The
-    packages of famjax contain `__famjax__`.
+    Other distributions use two of these names, and a script's folder may contain a `fitting.py`. Each
+    famjax package contains `__famjax__`.
     """
     found = []
     for name in ("fitting", "imaging", "rig"):
@@ -91,8 +91,7 @@ def clashes() -> list[str]:
         if "__famjax__" not in text:
             found.append(
                 f"{name!r} resolved to {where}, which is not famjax's own {name!r} package: rename "
-                "the file or folder of that name, or uninstall the other distribution and install famjax "
-                "again."
+                "that file or folder, or uninstall the other distribution and reinstall famjax."
             )
     return found
 
@@ -103,7 +102,7 @@ def _run(arguments: list[str]) -> int:
         from cyclopts import CycloptsError, UnusedCliTokensError
     except ImportError as missing:
         sys.exit(
-            f"the famjax command needs its extra 'app' ({missing}); install it with\n"
+            f"the famjax command needs the extra 'app' ({missing}); install it with\n"
             '    python -m pip install "famjax[app]"'
         )
     from famjax.boundary.errors import InputError
@@ -122,7 +121,7 @@ def _run(arguments: list[str]) -> int:
         what = str(error)
         if isinstance(error, UnusedCliTokensError):
             unused = " ".join(error.unused_tokens or ())
-            what = f"unexpected argument {unused}: repeat an option for each of its values"
+            what = f"unexpected argument {unused}: to give several values, repeat the option"
         print(f"famjax: {what}\nTry '{ask}'.", file=sys.stderr)
         return 2
     except InputError as error:
@@ -137,8 +136,8 @@ def _run(arguments: list[str]) -> int:
 def command_line(arguments: Sequence[str]) -> "App":
     """Build the command line for these arguments.
 
-    Only the requested command is imported, for the help in its docstring. The others are listed by
-    their first sentence.
+    Only the requested command is imported, because its docstring is its help. The others are listed
+    with their first sentence.
     """
     from cyclopts import App, Parameter
 
@@ -200,8 +199,8 @@ def _as_note(message: Warning | str, category: type[Warning], *_: Any) -> None:
 def end_at_interrupts(arguments: Sequence[str]) -> None:
     """Exit at once when a command is interrupted.
 
-    As an exception, an interrupt would be lost in a JAX callback and would abort the process during
-    the import of a compiled module.
+    An interrupt raised as an exception would be lost in a JAX callback, and would abort the process
+    while a compiled module is being imported.
     """
     # `measure` and `rig` handle interrupts themselves: they finish a picture or vent the rig.
     ignored = signal.getsignal(signal.SIGINT) is signal.SIG_IGN

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 @functools.wraps(imaging.cli.measure)
 def measure(*photos: str, **options: Any) -> int:
-    """`imaging.cli.measure` with a reader for machine logs."""
+    """Run `imaging.cli.measure` with a reader for machine logs."""
 
     def read_log(path: Path, *, offset: float | None, **how: Any) -> "AddLog":
         from .photographs import add_log, read_log_of_pictures
@@ -53,14 +53,14 @@ def new(folder: Path) -> int:
     Parameters
     ----------
     folder
-        Folder, created if missing. It must not contain a sheet yet.
+        Folder to create. If it exists, it must not contain a sheet.
     """
     from .folder import SHEET
 
     check_output(folder)
     path = folder / SHEET
     if path.exists():
-        raise InputError(f"{path} is there already: edit it, or choose another folder")
+        raise InputError(f"{path} already exists: edit it, or choose another folder")
     folder.mkdir(parents=True, exist_ok=True)
     shutil.copyfile(Path(__file__).parent / "templates" / SHEET, path)
     print(f"written: {path}; fill it in, add the files, and run: famjax characterise {folder}")
@@ -73,15 +73,15 @@ def characterise(
     jobs: Jobs = None,
     units: Units | None = None,
 ) -> int:
-    """Evaluate a characterisation folder: force, pictures, shape, fits with four geometries, report.
+    """Evaluate a characterisation folder: force, pictures, shape, fits with up to five geometries, report.
 
-    The sheet `characterisation.toml` describes the folder; `famjax new` writes one. The first steps are
-    skipped if their files and options have not changed, so an interrupted run resumes.
+    The sheet `characterisation.toml` describes the folder; `famjax new` writes one. Steps already
+    done are skipped if their files and options have not changed, so an interrupted run resumes.
 
     Writes one folder per step to `FOLDER/results`, and `report/report.html` with its figures as SVG in
-    `report/figures` and its numbers as CSV in `report/tables`. Cross-checks compare quantities that two
-    sources measure, such as the length in the pictures and the machine's displacement. A contradiction
-    stops the run. Doubtful or missing values and unmeasured pictures are listed here and in the report.
+    `report/figures` and its numbers as CSV in `report/tables`. Cross-checks compare quantities measured
+    by two sources, such as the length in the pictures and the machine's displacement. A contradiction
+    stops the run. Doubtful or missing values and unmeasured pictures are printed and listed in the report.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ def characterise(
     jobs
         Set the number of processes that measure pictures; default: one per core.
     units
-        Choose the units of tables and pictures: si, metric or us; default: [units] of the sheet, or
+        Choose the units for tables and figures: si, metric or us; default: [units] in the sheet, or
         metric.
     """
     start_jax()
@@ -116,24 +116,24 @@ def rig_simulate(
     units: Units = "metric",
     json_: bool = False,
 ) -> int:
-    """Run a test against a simulated rig, much faster than real time.
+    """Run a test on a simulated rig, much faster than real time.
 
     Simulates the device, serial line, recorder and test machine with noise and clock errors, then reads
-    the files back and analyses them like those of a real test. Writes `test.fam` (journal), `machine.csv`
+    the files back and analyses them like those from a real test. Writes `test.fam` (journal), `machine.csv`
     (machine log), `dataset.csv` (for `famjax fit`), `characterisation.json` and `characterisation.png`.
 
     Parameters
     ----------
     plan
-        TOML file with the tables [plan] and [rig], including a pressure limit.
+        TOML file with the tables [plan] and [rig]; a pressure limit is required.
     fit
-        Simulate the muscle of this `fit.json`; default: the 7/8 in muscle of the reference work.
+        Simulate the muscle in this `fit.json`; default: the 7/8 in muscle from the reference work.
     seed
         Seed all noise; the same seed gives the same files.
     output
         Write the files to this folder; it is created if missing and must not contain a journal.
     units
-        Choose the units of the picture and the table: si, metric or us.
+        Choose the units for the figure and the table: si, metric or us.
     json_
         Print one JSON object on standard output, and nothing else.
     """
@@ -165,7 +165,7 @@ def rig_simulate(
 
 
 def rig_convert(journal: Path, target: Path) -> int:
-    """Write the records of a journal as a CSV table with units; the journal is left unchanged.
+    """Write the records in a journal as a CSV table with units; the journal is left unchanged.
 
     Parameters
     ----------
@@ -182,7 +182,7 @@ def rig_convert(journal: Path, target: Path) -> int:
 
 
 def _simulated_muscle(fit: Path | None) -> tuple["AbstractMuscle", dict[str, Any]]:
-    """Return a fit's muscle, or the reference work's, with its dataset entries."""
+    """Return the muscle from a fit, or that from the reference work, with its dataset entries."""
     from .simulation import reference_muscle
 
     if fit is None:

@@ -1,4 +1,4 @@
-"""Self-checks: `famjax doctor` checks the installation, `famjax reproduce` the printed figures."""
+"""Self-checks: `famjax doctor` checks the installation, `famjax reproduce` the printed values."""
 
 import importlib
 import importlib.metadata
@@ -16,7 +16,7 @@ from .cli import clashes
 
 
 def doctor() -> int:
-    """Print versions, devices, precision and name clashes. Exits with 1 if it finds a problem."""
+    """Print versions, devices, precision and name clashes. Exits with code 1 if it finds a problem."""
     print(f"famjax {__version__}\n  python {platform.python_version()}")
     needed = [re.split(r"[^\w.-]", one)[0] for one in importlib.metadata.requires("famjax") or ()]
     for name in dict.fromkeys(["jaxlib", *(one for one in needed if one != "famjax")]):
@@ -34,18 +34,18 @@ def doctor() -> int:
             f"JAX finds no device: JAX_PLATFORMS is {os.environ.get('JAX_PLATFORMS', '')!r}. "
             "Set JAX_PLATFORMS=cpu, or unset it"
         )
-    print("float64: off by default in JAX; famjax commands that fit switch it on")
-    off = f"off; every command compiles again. Set {VARIABLE} to a folder that only you can write"
+    print("float64: off by default in JAX; famjax commands that fit models switch it on")
+    off = f"off, so every command compiles again. Set {VARIABLE} to a folder that only you can write to"
     print("compilation cache:", switch_on() or off)
     print("\n".join(f"problem: {problem}" for problem in found) or "no problems found")
     return 1 if found else 0
 
 
 def reproduce(*, output: Path = Path("famjax-reproduce"), json_: bool = False) -> int:
-    """Recompute the tables of the reference work and compare them with its printed figures.
+    """Recompute the tables in the reference work and compare them with its printed values.
 
-    Runs only in a clone of the repository, installed from its folder by
-    `python -m pip install -e ".[app]"`: the code is in `benchmarks`.
+    Runs only in a clone of the repository, installed from its folder with
+    `python -m pip install -e ".[app]"`, because the code is in `benchmarks`.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def reproduce(*, output: Path = Path("famjax-reproduce"), json_: bool = False) -
         Write the page with tables and figures to this folder; it is created if missing.
     json_
         Print the rows as one JSON list on standard output, and nothing else. This leaves out the fits
-        of chapter 7's synthetic data, which have no verdict.
+        to the synthetic data in chapter 7, which have no verdict.
     """
     start_jax()
     from famjax.boundary.errors import InputError
@@ -63,7 +63,7 @@ def reproduce(*, output: Path = Path("famjax-reproduce"), json_: bool = False) -
     if not (folder / "reproduce.py").exists():
         raise InputError(
             f"{folder} has no reproduce.py: run 'famjax reproduce' in a clone of the repository, "
-            'installed from its folder by python -m pip install -e ".[app]"'
+            'installed from its folder with python -m pip install -e ".[app]"'
         )
     check_output(output)
     sys.path.insert(0, str(folder))
@@ -79,10 +79,10 @@ def reproduce(*, output: Path = Path("famjax-reproduce"), json_: bool = False) -
         for verdict in ("outside", "misprint", "within", "not published")
     }
     print_rows("Out of tolerance", by["outside"])
-    print_rows("Misprints of the reference work", by["misprint"])
+    print_rows("Misprints in the reference work", by["misprint"])
     print(
-        f"{len(by['within'])} of {len(by['within'] + by['outside'])} printed figures are within tolerance; "
-        f"the work misprints {len(by['misprint'])} more. {len(by['not published'])} computed values have "
-        f"no printed figure\nwritten: {output / benchmark.PAGE}"
+        f"{len(by['within'])} of {len(by['within'] + by['outside'])} printed values are within tolerance; "
+        f"{len(by['misprint'])} more are misprints. {len(by['not published'])} computed values have no "
+        f"printed counterpart\nwritten: {output / benchmark.PAGE}"
     )
     return 0

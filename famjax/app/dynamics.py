@@ -1,4 +1,4 @@
-"""`famjax simulate`: a muscle driven by valve commands, a controller and a load over time."""
+"""`famjax simulate`: a muscle with a load, driven by valve commands or a controller, over time."""
 
 import dataclasses
 import sys
@@ -84,14 +84,14 @@ def simulate(
         TOML file with the tables [circuit], [load] and one [[step]] per command; optionally [friction]
         and [controller].
     every
-        Time between two rows of the table with its unit, in steps of 2 ms.
+        Set the time between two rows of the table, with its unit; it is rounded to a multiple of 2 ms.
     own
-        Trust this module of your own that defines classes in the card, repeatable, `--own my_rubber`.
+        Trust your own module, which defines classes named in the card, `--own my_rubber`; repeatable.
         Modules named only in the file are never imported.
     output
         Write the files to this folder; it is created if missing.
     units
-        Choose the units of the table and the files: si, metric or us.
+        Choose the units for the table and the files: si, metric or us.
     json_
         Print one JSON object in SI units on standard output, and nothing else.
     """
@@ -119,7 +119,7 @@ def simulate(
     if (bad := ~np.isfinite(found).all(axis=1)).any():
         raise InputError(
             f"{plan}: the muscle has no valid state after {time[bad][0]:.3f} s, at a length of "
-            f"{found[bad][0, 2]:.4g} m; shorten the stroke, or increase stiffness or damping"
+            f"{found[bad][0, 2]:.4g} m; shorten the stroke, or increase the stiffness or damping"
         )
     names = ("time_s", "pressure_Pa", "length_m", "force_N")
     rows: Any = [dict(zip(names, row, strict=True)) for row in found.tolist()]
@@ -146,8 +146,8 @@ def _steps(tables: dict[str, Any], plan: Path) -> list[_Step]:
     kinds = {(one.signal is None, one.set_pressure is None) for one in steps}
     if kinds not in ({(True, False)}, {(False, True)}):
         raise InputError(
-            f"{plan}: a plan must have at least one [[step]], all with a signal, or all with a set "
-            "pressure such as set_pressure_kPa and a table [controller]"
+            f"{plan}: a plan must have at least one [[step]]. Either all steps must have a signal, or all "
+            "must have a set pressure, such as set_pressure_kPa, with a table [controller]"
         )
     return steps
 
@@ -185,7 +185,7 @@ def _system(
 
 
 def feed_forward(circuit: "AbstractCircuit") -> Any:
-    """Return polynomial coefficients of the output that holds a pressure, as a calibration would."""
+    """Return polynomial coefficients of the output that holds a pressure, as a calibration would find."""
     from famjax.units import PSI
     from rig.calibration import fit_feed_forward
 

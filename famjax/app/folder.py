@@ -1,4 +1,4 @@
-"""The folder of an experiment: its sheet with units in the keys, and the evaluation steps.
+"""An experiment's folder: the sheet with units in its keys, and the evaluation steps.
 
 A step runs again only if its inputs change, so an interrupted run resumes.
 """
@@ -19,14 +19,14 @@ from fitting.evidence import FORM as SHARED_ERRORS, SharedErrors
 from fitting.specimen import Specimen, parse_specimen
 
 SHEET = "characterisation.toml"
-"""Name of the sheet."""
+"""File name of the sheet."""
 RESULTS = "results"
 """Folder for computed files."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Records:
-    """Force data of the test: journal and machine log, or a force map."""
+    """Force data from the test: journal and machine log, or a force map."""
 
     journal: Text | None = None
     machine_log: Text | None = None
@@ -41,12 +41,12 @@ class Records:
     def __post_init__(self) -> None:
         given = tuple(one is not None for one in (self.journal, self.machine_log, self.force_map))
         if given not in {(True, True, False), (False, False, True)}:
-            raise ValueError("give journal and machine_log of one test, or a force_map alone")
+            raise ValueError("set journal and machine_log from one test, or a force_map alone")
 
 
 @dataclasses.dataclass(frozen=True)
 class Photographs:
-    """Pictures of the test, with the options of `famjax measure`."""
+    """Pictures from the test, with the options of `famjax measure`."""
 
     pictures: Text
     ruler: Text | None = None
@@ -61,7 +61,7 @@ class Photographs:
 
 @dataclasses.dataclass(frozen=True)
 class Fit:
-    """Options of the identification."""
+    """Options for the identification."""
 
     law: Text = "polynomial"
     order: int | None = None
@@ -72,21 +72,21 @@ class Fit:
     def __post_init__(self) -> None:
         if ":" in self.law:
             raise InputError(
-                f"the law must be one of famjax's own, got {self.law!r}: a file never imports a module. "
-                "Fit your own law by famjax fit DATASET --law module:Class"
+                f"the law must be one of famjax's own, got {self.law!r}: a sheet cannot import a module. "
+                "Fit your own law with famjax fit DATASET --law module:Class"
             )
 
 
 @dataclasses.dataclass(frozen=True)
 class Shown:
-    """Units of tables, pictures and report."""
+    """Units for tables, figures and the report."""
 
     system: Literal["si", "metric", "us"] = "metric"
 
 
 ASSUMED = SharedErrors(rest_length=0.5e-3, shortening=0.003, force_reading=0.02)
-"""Default standard errors for cross-checks: of the rest length, of the machine's displacement including
-frame compliance, and of each load cell."""
+"""Default standard errors for cross-checks: rest length, machine displacement including frame
+compliance, and each load cell."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -94,15 +94,15 @@ class Sheet:
     """Contents of the sheet.
 
     Attributes:
-        folder: folder of the sheet.
-        specimen: data of the muscle.
+        folder: folder that contains the sheet.
+        specimen: data on the muscle.
         entries: entries of the specimen as written, without the turns.
         turns: turns of one thread; None if they are to be identified.
         records: force data.
         photographs: pictures, or None.
-        fit: options of the identification.
+        fit: options for the identification.
         errors: standard errors shared by all readings.
-        units: unit system of the report.
+        units: unit system for the report.
     """
 
     folder: Path
@@ -117,7 +117,7 @@ class Sheet:
 
     @property
     def results(self) -> Path:
-        """Folder of the steps."""
+        """Folder for the files of the steps."""
         return self.folder / RESULTS
 
     def path(self, name: str) -> Path:
@@ -140,14 +140,16 @@ _TABLES: dict[str, Any] = {
 
 
 def read_sheet(folder: Path) -> Sheet:
-    """Read the sheet of a folder.
+    """Read the sheet in a folder.
 
     Raises:
         InputError: the sheet is missing or invalid; the message gives the location.
     """
     path = folder / SHEET
     if not path.exists():
-        raise InputError(f"{folder} has no {SHEET}: `famjax new {folder}` writes one to fill in")
+        raise InputError(
+            f"{folder} has no {SHEET}: run `famjax new {folder}` to create one, and fill it in"
+        )
     content = read_toml(path, "sheet")
     plain = [table for table in content.values() if not isinstance(table, dict)]
     missing = {"specimen", "records"} - content.keys()
@@ -176,7 +178,7 @@ def read_sheet(folder: Path) -> Sheet:
         raise InputError(f"{path}: [specimen]: {error}") from None
     except TypeError:
         raise InputError(
-            f"{path}: [specimen]: name, rest_length_<unit> and wall_thickness_<unit> are needed"
+            f"{path}: [specimen]: name, rest_length_<unit> and wall_thickness_<unit> are required"
         ) from None
     return Sheet(
         folder, specimen, entries, None if turns is None else float(turns), tables["records"],
@@ -186,14 +188,14 @@ def read_sheet(folder: Path) -> Sheet:
 
 
 MARK = "step.json"
-"""File in a step's folder with digests of its inputs and, once the step is done, of its files."""
+"""File in a step's folder with digests of the step's inputs and, once it is done, of its files."""
 
 
 class Steps:
     """Runs the steps of an evaluation in order, except those already done with the same inputs.
 
-    A step depends on its own files and options and on all steps before it. A step that was interrupted
-    starts from the files in its folder.
+    A step depends on its own files and options and on all steps before it. An interrupted step
+    continues from the files in its folder.
 
     Args:
         results: folder of the results, with one folder per step.
@@ -216,8 +218,8 @@ class Steps:
         Args:
             name: name of the step and of its folder.
             work: called with the folder, into which it writes its files.
-            files: files that it reads, besides those of earlier steps.
-            options: all other values that it depends on.
+            files: files that the step reads, besides those from earlier steps.
+            options: all other values that the step depends on.
         """
         read = [[path.name, digest(path)] for path in files]
         content = json.dumps([self._key, name, read, options], sort_keys=True)

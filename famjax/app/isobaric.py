@@ -1,4 +1,4 @@
-"""Tests at constant pressure: from journal and machine log to curves, figures and a picture."""
+"""Analyse tests at constant pressure: journal and machine log become curves, key figures and a plot."""
 
 import dataclasses
 import math
@@ -32,18 +32,18 @@ from rig.protocol import TICK_HZ, TICKS
 
 
 def table(record: Record) -> dict[str, NDArray[Any]]:
-    """Return the journal as columns with one row per record.
+    """Return the journal as columns, with one row per record.
 
-    Neglects the shortest latency of the serial line.
+    The minimum latency of the serial line is neglected.
 
     Args:
         record: journal, with the calibration of its sensors.
 
     Returns:
-        Arrays of shape (n,): time on the host's clock, as in the notes, nan in a boot of less than half
+        Arrays of shape (n,): time on the host's clock, as in the notes, nan for a boot shorter than half
         a second; time on the device's clock; pressure and force, averaged over the ticks of a record;
         the set pressure of the controller, nan if unknown; output [0..255] and integral [counts]; state
-        and fault as indices of `STATES` and `FAULTS`; sync; the plan's block, -1 outside a block.
+        and fault as indices into `STATES` and `FAULTS`; sync; the plan's block, -1 outside a block.
 
     Raises:
         RigError: the journal has no calibration.
@@ -94,7 +94,7 @@ def clocks(record: Record) -> dict[int, ClockMap]:
 
 
 def _blocks(record: Record, time: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return the plan's block at each row, -1 outside a block."""
+    """Return the plan's block for each row, -1 outside a block."""
     blocks = np.full(len(time), -1)
     part_of_row = np.array(record.epoch_parts, np.int64)[record.epoch]
     for part, note in zip(record.note_parts, record.notes, strict=True):
@@ -108,7 +108,7 @@ def convert(journal: str | Path, target: str | Path) -> Path:
     """Write the records of a journal as a CSV table with the unit in each column name.
 
     Raises:
-        RigError: the target has another suffix, or the journal cannot be read.
+        RigError: the target does not end in .csv, or the journal cannot be read.
     """
     target = Path(target)
     if target.suffix != ".csv":
@@ -124,13 +124,13 @@ _MOST_POINTS = 20_000  # points drawn of a pressure record
 
 @dataclasses.dataclass(frozen=True)
 class Analysis:
-    """Result of a test.
+    """Results of a test.
 
     Attributes:
         alignment: alignment of the machine's clock with the journal's.
-        record: the test on one clock.
-        characterisation: curves and figures.
-        loads: gain of the journal's load against the log's, and the rest of its scatter relative to its
+        record: the readings of the test on one clock.
+        characterisation: curves and key figures.
+        loads: gain of the journal's load relative to the log's, and its residual scatter relative to its
             range [-].
     """
 
@@ -154,14 +154,14 @@ def analyse(
 ) -> Analysis:
     """Characterise a muscle from the two records of one test.
 
-    A device record is an average over its ticks. Its time is the middle of these ticks: half a record
-    minus half a tick before its last tick.
+    A device record is an average over its ticks. Its time is the middle of these ticks, which is half a
+    record minus half a tick before the last tick.
 
     Args:
         journal: journal of the rig.
         log: log of the test machine.
         rest_length: L0 [m].
-        near: approximate offset of the clocks [s], within 5 s; None if unknown.
+        near: approximate offset of the clocks [s], accurate to 5 s; None if unknown.
         skip_cycles: number of strokes to skip at the start of each pressure.
         shortening_positive: True if the machine's displacement grows as the muscle shortens.
         zero_displacement: displacement reading at L0 [m].
@@ -172,14 +172,18 @@ def analyse(
         Alignment, record and characterisation.
 
     Raises:
-        RigError: the records do not belong together, or contain no complete stroke.
+        RigError: the records are not from one test, or contain no complete stroke.
     """
     if log.force is None:
-        raise RigError(f"{log.source} needs a column with the force of the machine; export it too")
+        raise RigError(
+            f"{log.source} must have a column with the force of the testing machine; export it too"
+        )
     columns: Any = pd.DataFrame(table(journal))
     columns = columns[np.isfinite(columns.time_s)].copy()
     if len(columns) < 2:
-        raise RigError(f"{journal.path} has no clock notes: its records have no time of the host")
+        raise RigError(
+            f"{journal.path} has no clock notes, so its records have no time on the host's clock"
+        )
     period = float(np.median(np.diff(columns.device_time_s)))
     columns["time_s"] -= (period - 1 / TICK_HZ) / 2
     latest = columns.time_s.cummax().shift(fill_value=-math.inf)
@@ -196,8 +200,8 @@ def analyse(
             covered = " and ".join(f"{np.ptp(one):.4g} s" for one in (time, log.time))
             raise InputError(
                 f"{log.source}: {problem}. Check the force column of the log, its sign "
-                f"(pushing_positive is {str(pushing_positive).lower()}), and the unit of its time: journal "
-                f"and log cover {covered}"
+                f"(pushing_positive is {str(pushing_positive).lower()}), and the unit of its time: the "
+                f"journal and the log cover {covered}"
             ) from None
     record = combine(
         log, alignment, time, columns.pressure_Pa.to_numpy(), _set_pressures(journal),
@@ -208,10 +212,10 @@ def analyse(
     over, under = record.length.max() - rest_length, rest_length - record.length.min()
     if over > max(under, _STRETCH * rest_length):
         raise InputError(
-            f"{log.source}: the machine would have stretched the muscle, from {record.length.min():.5g} "
-            f"to {record.length.max():.5g} m with a rest length of {rest_length:.5g} m, but a stroke "
-            f"shortens it: shortening_positive must be {str(not shortening_positive).lower()}, or check "
-            "zero_displacement and the rest length"
+            f"{log.source}: a stroke must shorten the muscle, but with these settings it was stretched, "
+            f"from {record.length.min():.5g} to {record.length.max():.5g} m with a rest length of "
+            f"{rest_length:.5g} m: shortening_positive must be {str(not shortening_positive).lower()}, or "
+            "zero_displacement or the rest length is wrong"
         )
     curves = characterise(record, skip_cycles=skip_cycles)
     return Analysis(alignment, record, curves, _loads(time, force, record))
@@ -226,7 +230,7 @@ def _loads(time: np.ndarray, force: np.ndarray, record: IsobaricRecord) -> tuple
 
 
 def _set_pressures(journal: Record) -> list[tuple[float, float]]:
-    """Return times [s] and the set pressure from then on [Pa]; nan after an end."""
+    """Return times [s] and the set pressure [Pa] from each time on; nan after an end."""
     return sorted(
         (float(note["at"]), float(note["pressure_Pa"]) if note["note"] == "set" else math.nan)
         for note in journal.notes if note["note"] in {"set", "end"}
@@ -234,7 +238,7 @@ def _set_pressures(journal: Record) -> list[tuple[float, float]]:
 
 
 def figures(found: Analysis) -> dict[str, Any]:
-    """Return the figures of an analysis for JSON, with units in the keys; None if not measured."""
+    """Return the key figures of an analysis for JSON, with units in the keys; None if not measured."""
     rows = [
         {key: finite_or_none(value) for key, value in row.items()}
         for row in found.characterisation.rows()
@@ -251,7 +255,7 @@ def figures(found: Analysis) -> dict[str, Any]:
 
 
 def plot_characterisation(found: Analysis, system: str = "metric") -> Figure:
-    """Plot both branches over contraction at every set pressure, and the pressure error over time.
+    """Plot both branches against contraction at every set pressure, and the pressure error over time.
 
     Args:
         found: analysis of a test.
@@ -282,7 +286,7 @@ def plot_characterisation(found: Analysis, system: str = "metric") -> Figure:
     largest = 1.5 * max(bar.largest_pressure_error for bar in muscle.isobars) / Pa
     right.axhline(0, color="k", lw=0.5)
     right.plot(record.time[held], error, lw=0.5, color=(0.1, 0.25, 0.5))
-    title = "pressure error (steps of the set pressure exceed the axis)"
+    title = "pressure error (off scale at steps in the set pressure)"
     label = f"pressure - set pressure [{units['pressure']}]"
     right.set(xlabel="time [s]", ylabel=label, ylim=(-largest, largest), title=title)
     return figure

@@ -36,7 +36,7 @@ def add_log(machine: MachineLog, guess: float | None) -> AddLog:
 
     Args:
         machine: log of the test machine.
-        guess: lead of its clock over the first picture [s], within 10 s; None if unknown.
+        guess: lead of the machine's clock over the first picture [s], accurate to 10 s; None if unknown.
     """
 
     def added(table: Table) -> Table:
@@ -53,9 +53,9 @@ def camera_clock(table: Table, machine: MachineLog, guess: float | None) -> Sync
     """Align the camera's clock with the machine's, from the motion that both recorded.
 
     Args:
-        table: table of the pictures.
+        table: table of pictures.
         machine: log of the test machine.
-        guess: lead of the machine's clock over the first picture [s], within 10 s; None if unknown.
+        guess: lead of the machine's clock over the first picture [s], accurate to 10 s; None if unknown.
 
     Raises:
         SyncError: see `synchronise`.
@@ -74,7 +74,7 @@ def with_log(table: Table, log: MachineLog, clock: Synchronisation) -> Table:
     interpolation between rows of the log. Values outside the log are nan.
 
     Args:
-        table: table of the pictures.
+        table: table of pictures.
         log: log of the test machine.
         clock: alignment of the camera's clock with the machine's, see `synchronise`.
     """
@@ -91,10 +91,10 @@ def with_log(table: Table, log: MachineLog, clock: Synchronisation) -> Table:
         f"At the middle of the series, the machine's clock is {clock.offset:.4g} +- "
         f"{clock.offset_stderr:.2g} s ahead of the time since the first picture. It runs "
         f"{clock.rate:.6f} +- {clock.rate_stderr:.1g} times as fast as the camera's. "
-        f"{clock.n_pictures} lengths follow the displacement within {clock.rms * 1e3:.3g} mm RMS."
+        f"{clock.n_pictures} lengths agree with the displacement to {clock.rms * 1e3:.3g} mm RMS."
     ]
     if outside := int(np.sum(np.isfinite(at) & np.isnan(columns["displacement"]))):
-        notes.append(f"{outside} pictures lie outside the log and have no force.")
+        notes.append(f"{outside} pictures lie outside the time range of the log and have no force.")
     if lost := len(log.unread) + log.missing_rows:
         notes.append(f"{lost} rows of the log are missing or are not numbers.")
     return dataclasses.replace(
@@ -106,16 +106,16 @@ def with_log(table: Table, log: MachineLog, clock: Synchronisation) -> Table:
 
 
 def picture_checks(sheet: Sheet, table: Table) -> list[Check]:
-    """Check the table of the pictures against the other records.
+    """Check the table of pictures against the other records.
 
     Args:
         sheet: sheet of the folder.
-        table: table of the pictures, with the log if the folder has one.
+        table: table of pictures, with the log if the folder has one.
     """
     reasons = sorted({text.partition(":")[0] for text in table.error if text})
     measured = Check.of(
         "fraction of pictures that could be measured", float(np.mean(table.ok)), (0.9, 1.0),
-        say=f"measurements.csv gives the reasons ({', '.join(reasons)}); repeat those pictures.",
+        say=f"See measurements.csv for the reasons ({', '.join(reasons)}), and repeat those pictures.",
     )  # fmt: skip
     found = [measured, *_diameter(sheet, table)]
     if sheet.records.machine_log is None:
@@ -123,21 +123,24 @@ def picture_checks(sheet: Sheet, table: Table) -> list[Check]:
     if "log_time" not in table.columns:
         verdict = CONTRADICTS if OtherMotion.__name__ in table.notes[-1] else NOT_KNOWN
         say = (
-            f"{table.notes[-1]}. Copy the pictures from the camera unchanged, with their times. Check the "
-            "unit of the displacement, the ruler's pitch, and that pictures and log belong to one test. If "
-            "strokes repeat, set log_offset_s in [photographs]."
+            f"{table.notes[-1]}. Copy the pictures from the camera unchanged, with their time stamps. "
+            "Check the unit of the displacement and the ruler's pitch, and that pictures and log are from "
+            "one test. If strokes repeat, set log_offset_s in [photographs]."
         )
-        return [*found, Check("clocks of camera and machine", "one motion", verdict, verdict, say)]
+        return [
+            *found,
+            Check("motion seen by camera and machine", "the same motion", verdict, verdict, say),
+        ]
     outside = np.isnan(table["displacement"][table.ok])
     inside = Check.of(
         "fraction of pictures outside the log", float(outside.mean()), (0.0, 0.1),
-        say=f"{outside.sum()} pictures lie outside the log and have no force: export the whole log.",
+        say=f"{outside.sum()} pictures lie outside the time range of the log: export the whole log.",
     )  # fmt: skip
     return [*found, inside, *_scale(sheet, table)]
 
 
 def _scale(sheet: Sheet, table: Table) -> list[Check]:
-    """Check scale, ruler and rest length by the slope and offset of length against displacement."""
+    """Check scale, ruler and rest length from the slope and offset of length against displacement."""
     rest, records = sheet.specimen.rest_length, sheet.records
     towards = -1.0 if records.shortening_positive else 1.0
     x, y = towards * (table["displacement"] - records.zero_displacement), table["length"]
@@ -153,22 +156,23 @@ def _scale(sheet: Sheet, table: Table) -> list[Check]:
     return [
         Check.about(
             "ratio of photographed length to machine displacement", slope, 1.0, std,
-            say="If the rest length has the same relative error, the ruler was outside the plane of the "
+            say="If the rest length has the same relative error, the ruler was not in the plane of the "
             "muscle's axis. Otherwise the machine's frame deflects under load, its displacement is out of "
             "calibration, or a unit or a sign is wrong: check the unit of the displacement, "
             "shortening_positive, the ruler's pitch and the scale.",
         ),
         Check.about(
-            "photographed length at the rest position of the machine against the rest length",
+            "photographed length at the machine's rest position, compared with the rest length",
             zero * 1e3, rest * 1e3, rest_std * 1e3, unit="mm",
-            say="Measure the rest length again between the edges that the pictures show. State "
-            "zero_displacement if the machine was not at zero there. Or the pictures show another muscle.",
+            say="Measure the rest length again, between the edges seen in the pictures. Set "
+            "zero_displacement if the machine did not read zero there. Check that the pictures show "
+            "this muscle.",
         ),
     ]  # fmt: skip
 
 
 def _diameter(sheet: Sheet, table: Table) -> list[Check]:
-    """Compare the average diameter of the longest muscle with the bladder and its braid."""
+    """Compare the average diameter at the longest photographed length with the bladder and its braid."""
     specimen = sheet.specimen
     nominal = specimen.bladder_diameter or specimen.nominal_diameter
     if nominal is None or not table.ok.any():
@@ -176,9 +180,9 @@ def _diameter(sheet: Sheet, table: Table) -> list[Check]:
     seen = float(table["mean_diameter"][table.ok][np.argmax(table["length"][table.ok])])
     least = nominal + 2 * specimen.braid_thickness if specimen.bladder_diameter else 0.8 * nominal
     return [
-        Check.of("ratio of photographed diameter near rest to the diameter of bladder and braid",
+        Check.of("ratio of photographed diameter near rest to diameter of bladder and braid",
               seen / least, (0.97, 1.5), (0.85, 2.2),
               say="A braid is never narrower than its bladder and rarely much wider: check "
-              "bladder_diameter, its unit, and that the pictures show this specimen. The strain of the "
-              "bladder depends on it.")
+              "bladder_diameter, its unit, and that the pictures show this specimen. The bladder "
+              "strain depends on this diameter.")
     ]  # fmt: skip

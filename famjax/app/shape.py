@@ -35,25 +35,25 @@ def shape(
     """Compute the equilibrium shape of a fitted muscle: profile, braid angle, strains and force.
 
     The shape minimises the energy of the fitted braid, bladder and law, with threads pinned at their
-    crossings. Writes `shape.csv` and `shape.svg`. Exits with 2 if there is no stable shape.
+    crossings. Writes `shape.csv` and `shape.svg`. Exits with code 2 if there is no stable shape.
 
     Parameters
     ----------
     muscle
-        A `fit.json` of `famjax fit`, a card of `famjax card`, or a bundled muscle, DMSP-10 or DMSP-20.
+        A `fit.json` from `famjax fit`, a card from `famjax card`, or a bundled muscle, DMSP-10 or DMSP-20.
     length
-        Active length with its unit, `--length 270mm`.
+        Set the active length with its unit, `--length 270mm`.
     pressure
-        Gauge pressure with its unit, `--pressure 500kPa`; the fitted deadband is subtracted from it.
+        Set the gauge pressure with its unit, `--pressure 500kPa`; the fitted deadband is subtracted.
     end_diameter
-        Braid diameter at the fittings, `--end-diameter 20mm`; default: that of the unloaded braid.
+        Set the braid diameter at the fittings, `--end-diameter 20mm`; default: that of the unloaded braid.
     own
-        Trust this module of your own that defines classes in the file, repeatable, `--own my_rubber`.
+        Trust your own module, which defines classes named in the file, `--own my_rubber`; repeatable.
         Modules named only in the file are never imported.
     output
         Write the files to this folder; it is created if missing.
     units
-        Choose the units of the table and the files: si, metric or us.
+        Choose the units for the table and the files: si, metric or us.
     json_
         Print one JSON object in SI units on standard output, and nothing else.
     """
@@ -98,7 +98,7 @@ def _read(muscle: str, own: tuple[str, ...]) -> Any:
 
 
 def _equilibrium_muscle(muscle: Any, end_diameter: float | None) -> "famjax.EquilibriumMuscle":
-    """Build the equilibrium muscle; keep a muscle that already is one, unless a diameter is given."""
+    """Build the equilibrium muscle; a muscle that already is one is kept unless a diameter is given."""
     import jax
 
     from famjax import Bladder, EquilibriumMuscle
@@ -115,8 +115,9 @@ def _equilibrium_muscle(muscle: Any, end_diameter: float | None) -> "famjax.Equi
     ]  # fmt: skip
     if not all(parts[:3]):
         raise InputError(
-            "the equilibrium shape needs a braid, a bladder and its law, and this muscle lacks one of "
-            "them. Models of other authors and measured shapes may have none; fit with a braid"
+            "the equilibrium shape needs a braid, a bladder and a bladder law, and this muscle lacks at "
+            "least one of them. Models by other authors and measured shapes may lack them: fit a "
+            "model with a braid"
         )
     braid, bladder, law = (found[0] for found in parts[:3])
     if end_diameter is None:
@@ -129,7 +130,7 @@ def _equilibrium_muscle(muscle: Any, end_diameter: float | None) -> "famjax.Equi
 
 
 def _files(found: "Shape", units: str) -> dict[str, str]:
-    """Return the points of the shape as CSV, and its meridian on both sides of the axis as SVG."""
+    """Return the points of the shape as CSV, and a plot of its outline on both sides of the axis as SVG."""
     from matplotlib.figure import Figure
 
     columns, unit = {}, unit_system(units)

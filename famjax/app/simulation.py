@@ -1,4 +1,4 @@
-"""A complete test without hardware: plan, rig, journal, machine log, characterisation, dataset."""
+"""Simulate a complete test without hardware: plan, rig, journal, machine log, characterisation, dataset."""
 
 import datetime
 from collections.abc import Callable, Mapping
@@ -22,7 +22,7 @@ from rig.simulation import CIRCUITS, MachineClock, SimulatedRig, load_cell, mach
 from .isobaric import Analysis, analyse
 
 LOG, DATASET = "machine.csv", "dataset.csv"
-"""File names of a test in addition to its journal."""
+"""Names of the files of a test, besides its journal."""
 
 
 class SimulatedTest(NamedTuple):
@@ -30,7 +30,7 @@ class SimulatedTest(NamedTuple):
 
     Attributes:
         analysis: alignment, record and characterisation.
-        paths: files in the order of writing.
+        paths: files in the order in which they were written.
     """
 
     analysis: Analysis
@@ -38,24 +38,24 @@ class SimulatedTest(NamedTuple):
 
 
 class Watcher(Attendant):
-    """Reports progress about every second of the plan.
+    """Reports progress about once per second of the plan.
 
     Args:
-        progress: called with the seconds done and the seconds planned.
+        progress: called with the elapsed and the planned time [s].
     """
 
     def __init__(self, progress: Callable[[float, float], None]) -> None:
         self._progress = progress
 
     def look(self, situation: Situation) -> Request:
-        """Report progress in the first twentieth of a second."""
+        """Report progress during the first 1/20 of each second."""
         if situation.done % 1.0 < 1 / 20:
             self._progress(situation.done, situation.done + situation.left)
         return ""
 
 
 def reference_muscle() -> famjax.Muscle:
-    """Return the 7/8 in muscle of the reference work, the default muscle of a simulated rig.
+    """Return the 7/8 in muscle from the reference work, the default muscle of the simulated rig.
 
     References:
         Chambers 2021, chapter 6: latex bladder.
@@ -67,7 +67,7 @@ def reference_muscle() -> famjax.Muscle:
 
 
 def simulate_device(test: PlanFile, folder: str | Path, *, seed: int = 0) -> Path:
-    """Run a test against a simulated rig whose machine does not move, and return the journal's path.
+    """Run a test on a simulated rig whose machine does not move; return the path of the journal.
 
     Raises:
         RigError: see `Rig` and `run`.
@@ -94,10 +94,10 @@ def simulate(
     calibrated: Callable[[Calibration], Calibration] | None = None,
     progress: Callable[[float, float], None] | None = None,
 ) -> SimulatedTest:
-    """Run a test against a simulated rig in virtual time and analyse its files.
+    """Run a test on a simulated rig in virtual time, and analyse the files.
 
-    The files are written and read back like those of a real test. The machine reverses where the muscle
-    has no force left, or after the plan's stroke.
+    The files are written and read back like those of a real test. The machine reverses where the force
+    falls to zero, or at the end of the plan's stroke.
 
     Args:
         test: plan, circuit, limit and gains; its calibration is not used.
@@ -107,14 +107,14 @@ def simulate(
         clock: clock of the machine's log; by default 12.345 s ahead and 50 ppm fast.
         clock_rate: relative rate error of the device's clock.
         friction: friction of the muscle, see `SimulatedRig`.
-        seed: seed of all noise.
-        began: date of the test; the current time by default.
-        calibrated: function from the true calibration of the sensors to the assumed one; the identity by
-            default.
-        progress: called with the seconds done and the seconds planned.
+        seed: seed for all noise.
+        began: date and time of the test; the current time by default.
+        calibrated: function that returns the assumed calibration of the sensors for the true one; the
+            identity by default.
+        progress: called with the elapsed and the planned time [s].
 
     Returns:
-        The analysis and the paths of journal, log and dataset.
+        The analysis, and the paths of the journal, log and dataset.
 
     Raises:
         RigError: see `Rig`, `run` and `analyse`.

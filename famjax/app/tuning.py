@@ -1,4 +1,4 @@
-"""`famjax rig step` and `famjax rig tune`: a small step test, and controller gains fitted to the rig."""
+"""`famjax rig step` and `famjax rig tune`: a small step test, and controller gains tuned for the rig."""
 
 import dataclasses
 import re
@@ -31,7 +31,7 @@ _STAYS = 1e-4  # m: motion of a machine that is held
 _DRAWS = 8
 _MISSED = 1.0 * PSI  # RMS error: four times the noise of a transducer
 _HELD = {"air": ("dead_volume", 0.3), "water": ("displacement", 0.05)}
-"""Parameters that a muscle of fixed length cannot determine (all flows scale alike), and their spread."""
+"""Parameters that a test at fixed length cannot determine (all flows scale alike), and their spread."""
 
 
 def rig_step(
@@ -45,24 +45,24 @@ def rig_step(
 ) -> int:
     """Record a small step test, from which `famjax rig tune` identifies the rig.
 
-    The pressure steps up and down between the lowest of the plan and at most 20 psi more, with the plan's
-    gains, and trips at 15 psi above that. Hold the muscle at its rest length; the machine does not move.
-    Writes `test.fam` to the output folder. The rig vents at the end in every case.
+    The pressure steps up and down between the plan's lowest pressure and at most 20 psi above it, with the
+    plan's gains. The rig trips at most 15 psi above the upper step. Hold the muscle at its rest length;
+    the machine does not move. Writes `test.fam` to the output folder. The rig always vents at the end.
 
     Parameters
     ----------
     plan
-        TOML file with the tables [plan] and [rig] of the test for which to find gains.
+        TOML file with the tables [plan] and [rig] of the test whose gains are to be tuned.
     port
-        Serial port or socket://host:port.
+        Connect to this serial port, or to socket://host:port.
     baud
         Set the baud rate of the firmware.
     simulate
-        Run against a simulated rig.
+        Run the test on a simulated rig.
     output
         Write the journal to this folder; it is created if missing.
     yes
-        Start without asking, for scripts.
+        Start without asking for confirmation, for scripts.
     """
     start_jax()
     from rig import cli
@@ -78,7 +78,7 @@ def rig_step(
         else:
             cli.tell_preconditions(test)
             calibration, _ = prepare(test, output)
-            cli.confirm(f"{_STEPS} steps of the pressure. {cli.PRESSURISE}", "started", yes=yes)
+            cli.confirm(f"{_STEPS} pressure steps. {cli.PRESSURISE}", "started", yes=yes)
             output.mkdir(parents=True, exist_ok=True)
             with cli.opened(port, baud) as link:
                 record_test(test, link, calibration, output / JOURNAL)
@@ -112,29 +112,29 @@ def rig_tune(
     units: Units = "metric",
     json_: bool = False,
 ) -> int:
-    """Find controller gains and a rise time of the set pressure, and write them to a copy of the plan.
+    """Tune controller gains and the rise time of the set pressure, and write them to a copy of the plan.
 
-    Identifies the valve or pump from the journal of `famjax rig step`. Then optimises the gains by
-    gradients through the simulated rig, for the plan's rate and steps and for all rigs consistent with
-    the journal. Prints the expected pressure errors with the plan's gains and with the new ones.
+    Identifies the valve or pump from the journal of `famjax rig step`. Then optimises the gains with
+    gradients through the simulated rig, for the plan's rate and steps and for a sample of rigs consistent
+    with the journal. Prints the expected pressure errors with the plan's gains and with the new ones.
 
     Parameters
     ----------
     journal
-        Journal of `famjax rig step`.
+        Journal recorded by `famjax rig step`.
     plan
         TOML file with the tables [plan] and [rig].
     simulate
-        Use assumed parameters of the valve or pump, 5 to 30 % uncertain, instead of a journal.
+        Use assumed valve or pump parameters, uncertain by 5 to 30 %, instead of a journal.
     card
-        Card written by `famjax card`, or a bundled muscle; default: the 7/8 in muscle of the reference
-        work.
+        Card written by `famjax card`, or a bundled muscle; default: the 7/8 in muscle from the
+        reference work.
     output
         Write the plan with the new gains to this file; it must not exist.
     seed
-        Seed the draws and the noise.
+        Seed the random samples and the noise.
     units
-        Choose the units of the table: si, metric or us.
+        Choose the units for the table: si, metric or us.
     json_
         Print one JSON object in SI units on standard output, and nothing else.
     """
@@ -149,10 +149,10 @@ def rig_tune(
 
     if (journal is None) != simulate:
         raise InputError(
-            "give either the journal of `famjax rig step`, or --simulate for assumed parameters"
+            "use either the journal of `famjax rig step`, or --simulate for assumed parameters"
         )
     if output.exists():
-        raise InputError(f"{output} exists: choose another file with --output")
+        raise InputError(f"{output} already exists: choose another file with --output")
     with ended_in_words():
         test = read_plan(plan)
         muscle = LinearMcKibben() if card is None else open_card(card).safe()
@@ -193,11 +193,11 @@ def rig_tune(
     for one in told:
         print(f"note: {one}")
     print_rows("Gains", [gains])
-    print_rows("Expected in simulation, true pressures", in_units(rows, unit_system(units)))
+    print_rows("Expected in simulation (true pressures)", in_units(rows, unit_system(units)))
     if rows[1]["highest_pressure_Pa"] > test.pressure_limit:
         print(
-            "note: the pressure exceeds the limit where strokes reverse: raise the limit, if muscle and "
-            "circuit are rated for it, or leave out the highest pressure"
+            "note: the pressure exceeds the limit when strokes reverse: raise the limit, if the muscle and "
+            "circuit are rated for it, or omit the highest pressure"
         )
     print("written:", output)
     return 0
@@ -212,7 +212,7 @@ def _plant(circuit: Any, muscle: "AbstractMuscle") -> "Plant":
 def _identified(
     journal: Path, test: "PlanFile", muscle: Any, seed: int
 ) -> tuple[list[Any], np.ndarray, list[str]]:
-    """Draw circuits consistent with the journal of a step test; return their feed-forward and notes."""
+    """Sample circuits consistent with a step test; return them with their feed-forward and notes."""
     from fitting.plant import FREE, identify_plant
     from rig.journal import read_journal, stored_calibration
     from rig.simulation import CIRCUITS
@@ -220,14 +220,15 @@ def _identified(
     record = read_journal(journal)
     if any(note["stroke_m"] > 2 * _STAYS for note in record.notes_of("strokes")):
         raise InputError(
-            f"{journal} is from a test with a moving machine: record a step test with `famjax rig step`"
+            f"{journal} is from a test in which the machine moved: record a step test with "
+            "`famjax rig step`"
         )
     forward = stored_calibration(record).feed_forward
     circuit = "water" if any(forward.coefficients[1:]) else "air"
     if circuit != test.circuit:
         raise InputError(
             f"{journal} is from the {circuit} circuit, but the plan describes the {test.circuit} "
-            "circuit: use the plan of the step test"
+            "circuit: use the plan from which the step test was recorded"
         )
     rest, assumed = float(muscle.rest_length), CIRCUITS[test.circuit]()
     held, spread = _HELD[test.circuit]
@@ -236,8 +237,8 @@ def _identified(
     fit = identify_plant(rows, _plant(assumed, muscle), free=free)
     if not fit.pressure_rms < _MISSED:
         raise InputError(
-            f"the plan's {test.circuit} circuit misses the recorded pressure by "
-            f"{fit.pressure_rms / PSI:.2g} psi RMS: check the journal, the supply, and for leaks"
+            f"the model of the {test.circuit} circuit misses the recorded pressure by "
+            f"{fit.pressure_rms / PSI:.2g} psi RMS: check the journal and the supply, and look for leaks"
         )
     known = {name: float(value) for name, value in assumed.parameters().items()}
     volume = float(muscle.volume(rest, rows.pressure.mean())) + known.get("dead_volume", 0.0)
@@ -270,7 +271,7 @@ def _identified(
 def plant_record(record: "Record", length: float) -> "PlantRecord":
     """Convert the journal of a test at constant length [m] for `identify_plant`.
 
-    The pressure of a record is the mean over its ticks; it is shifted to the time of its last tick.
+    The pressure in a record is the mean over its ticks; it is shifted to the time of the last tick.
 
     Raises:
         InputError: the device was in control for less than a second.
@@ -285,8 +286,8 @@ def plant_record(record: "Record", length: float) -> "PlantRecord":
     longest = max(np.split(runs, np.flatnonzero(np.diff(rows["seq"][runs]) != 1) + 1), key=len)[:-1]
     if longest.size < 100:
         raise InputError(
-            f"{record.path}: the device was in control for {longest.size} consecutive records, and one "
-            "second has 100: record a test with `famjax rig step`"
+            f"{record.path}: the device must be in control for at least 100 consecutive records (1 s), "
+            f"got {longest.size}: record a test with `famjax rig step`"
         )
     pressure = 0.6 * rows["pressure_Pa"][longest] + 0.4 * rows["pressure_Pa"][longest + 1]
     time = rows["device_time_s"][longest]

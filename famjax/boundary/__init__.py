@@ -1,6 +1,6 @@
-"""The boundary of the packages: units, files, and errors for bad input.
+"""Input and output shared by the packages: units, files, and errors for bad input.
 
-No JAX and no physics: of famjax, this is the one room that `imaging` and `rig` import.
+No JAX and no physics: this is the only part of famjax that `imaging` and `rig` import.
 """
 
 import lazy_loader

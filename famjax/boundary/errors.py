@@ -11,7 +11,7 @@ from typing import Any
 
 
 class InputError(ValueError):
-    """Bad input. The message gives what must hold, what was given and what to do; exit code 2."""
+    """Bad input; exit code 2. The message says what must hold, what was found and what to do."""
 
 
 def check_seed(seed: int) -> int:
@@ -67,7 +67,7 @@ _FAILURES = (
 
 
 Own = Sequence[str | type]
-"""Modules (by name) and classes in a file that the user trusts."""
+"""Modules (by name) and classes that the user trusts when a file names them."""
 
 
 def class_path(cls: Any) -> str:
@@ -80,7 +80,7 @@ class NotTrustedError(InputError):
 
 
 def check_trusted(path: str, own: Own, what: str) -> None:
-    """Raise unless the user trusts a class named in a file, because importing a module runs its code.
+    """Raise an error unless the user trusts a class named in a file: its import would run its code.
 
     Args:
         path: `module:Class`, as written in the file.
@@ -93,8 +93,8 @@ def check_trusted(path: str, own: Own, what: str) -> None:
     module = path.partition(":")[0]
     if not {path, module} & {one if isinstance(one, str) else class_path(one) for one in own}:
         raise NotTrustedError(
-            f"the {what} is {path!r}, which is not part of famjax, and files never import modules by "
-            f"themselves: if you trust this module, pass --own {module} or own=({module!r},) in Python"
+            f"the {what} is {path!r}, which is not part of famjax. A module named in a file is imported "
+            f"only if you trust it: pass --own {module} or own=({module!r},) in Python"
         )
 
 
@@ -110,7 +110,7 @@ def class_named(path: str, base: type, what: str) -> type:
         InputError: the module or class does not exist, or does not derive from the base class.
     """
     module, _, name = path.partition(":")
-    where = "give module:Class, with the module installed or in the current folder"
+    where = "the module must be installed or in the current folder"
     if not module or not name or module.startswith("."):
         raise InputError(f"the {what} must be module:Class, got {path!r}: {where}")
     try:

@@ -24,17 +24,17 @@ _COMPRESSION = 3  # of 9: two thirds of the default's time, for files a tenth la
 
 
 def check_output(folder: Path) -> None:
-    """Check that an output folder can be written, before any work starts.
+    """Check that an output folder can be written to, before any work starts.
 
     Raises:
-        InputError: a file has the folder's name, or permission is missing.
+        InputError: a file has the folder's name, or write permission is missing.
     """
     nearest = folder
     while not nearest.exists() and nearest != nearest.parent:
         nearest = nearest.parent
     if not (nearest.is_dir() and os.access(nearest, os.W_OK | os.X_OK)):
         raise InputError(
-            f"the output folder {folder} cannot be written: {nearest} must be a folder with permission"
+            f"cannot write to the output folder {folder}: {nearest} must be a folder with write permission"
         )
 
 
@@ -84,7 +84,7 @@ def write_all(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
     """Write several files into a folder; none appears until all are complete on disk.
 
     Raises:
-        InputError: the folder cannot be written.
+        InputError: the folder cannot be written to.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -94,7 +94,7 @@ def write_all(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
             for name in files:
                 (Path(unfinished) / name).replace(folder / name)
     except OSError as error:
-        raise InputError(f"the output folder {folder} cannot be written: {error}") from None
+        raise InputError(f"cannot write to the output folder {folder}: {error}") from None
     return [folder / name for name in files]
 
 
@@ -103,8 +103,8 @@ class Origin:
     """Date and command that created a file.
 
     Attributes:
-        date: date of writing, ISO 8601 with the offset from UTC.
-        command: command line to repeat.
+        date: date and time of writing, ISO 8601 with the offset from UTC.
+        command: command line that repeats the work.
     """
 
     date: str
@@ -144,6 +144,6 @@ def differing(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
 
 
 def some_of(texts: Sequence[str], between: str = ", ") -> str:
-    """Join the first five texts, cut to 200 characters, and add the number of the remaining ones."""
+    """Join the first five texts, each cut to 200 characters, and add the number of the others."""
     more = [f"and {len(texts) - 5} more"] * (len(texts) > 5)
     return between.join([text[:200] for text in texts[:5]] + more)

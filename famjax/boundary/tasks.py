@@ -1,6 +1,6 @@
 """Long computations: apply a function to many items on an executor, storing each result when ready.
 
-Any `concurrent.futures` executor works, and any with its interface: loky, mpi4py, dask's
+Any `concurrent.futures` executor works, and any other with the same interface: loky, mpi4py, dask's
 `Client.get_executor()`. No JAX and no physics.
 """
 
@@ -39,18 +39,18 @@ _one_at_a_time = threading.RLock()
 class Store:
     """Results by index, 0 to `count` - 1, in memory and, if a path is given, in a JSONL file.
 
-    The first line of the file holds the settings, each other line one part. A part is on disk when
-    `keep` returns. Damaged lines, such as a last line cut off by a crash, raise a warning; their parts
-    count as not done.
+    The first line of the file contains the settings, and each other line one part. A part is on disk when
+    `keep` returns. Damaged lines, such as a last line cut off by a crash, cause a warning; their parts
+    are computed again.
 
     Args:
         path: path of the file, created if missing; None keeps parts of any type in memory only.
         kind: type of work, such as "sweep".
-        settings: JSON values that every part depends on. A file with other settings is refused.
+        settings: JSON values that every part depends on. A file with different settings is rejected.
         count: number of parts.
 
     Raises:
-        InputError: the file belongs to other work, or cannot be read or written.
+        InputError: the file belongs to different work, or cannot be read or written.
     """
 
     def __init__(self, path: Any, kind: str, settings: dict[str, Any], count: int) -> None:
@@ -77,7 +77,7 @@ class Store:
         """Store one finished part: arrays and plain values by name; nan stays nan.
 
         Raises:
-            InputError: the part holds another type.
+            InputError: the part contains another type.
             OSError: the file cannot be written.
         """
         if self.path is not None:
@@ -95,11 +95,13 @@ class Store:
         try:
             there = json.loads(first)
         except ValueError as error:
-            raise InputError(f"{path} is damaged ({error}): remove it, or give another") from None
+            raise InputError(
+                f"{path} is damaged ({error}): remove it, or choose another file"
+            ) from None
         if there != head:
             raise InputError(
-                f"{path} holds a {head['kind']} with other data or other settings: "
-                f"{some_of(differing(there, head), '; ')}. Give another file, or remove it"
+                f"{path} contains a {head['kind']} with different data or settings: "
+                f"{some_of(differing(there, head), '; ')}. Choose another file, or remove this one"
             )
         for number, line in enumerate(lines, 2):
             try:
@@ -115,7 +117,9 @@ def _encoded(value: Any) -> Any:
         return {"dtype": value.dtype.str, "values": value.tolist(), "shape": value.shape}
     if isinstance(value, np.generic):
         return value.item()
-    raise InputError(f"a part must hold arrays and plain values, got a {type(value).__name__}")
+    raise InputError(
+        f"a part must contain only arrays and plain values, got a {type(value).__name__}"
+    )
 
 
 def _decoded(entries: dict[str, Any]) -> Any:
@@ -130,9 +134,9 @@ def run_tasks(
 ) -> Store:  # fmt: skip
     """Apply a function to every unfinished item; each result is stored as soon as it is ready.
 
-    Stored results survive an interrupt or an error in the function. An error carries the name of its
-    item as a note. Tasks in threads of one process take turns: JAX may hang if two of them factorise
-    matrices at the same time.
+    Stored results survive an interrupt or an error in the function. The name of the item is added to
+    the error as a note. Tasks in threads of one process take turns: JAX may hang if two of them
+    factorise matrices at the same time.
 
     Args:
         function: function of one item, called in the workers. It must be a module-level function, or a
@@ -175,13 +179,13 @@ def run_tasks(
                 done += 1
                 tell(done, len(items))
         except (BrokenExecutor, CancelledError) as error:
-            where = "pass resume= to keep finished parts" if kept.path is None else (
-                f"finished work is in {kept.path}, and the same call resumes it"
+            where = "pass resume= to keep the finished parts" if kept.path is None else (
+                f"the finished parts are in {kept.path}, and the same call resumes from them"
             )  # fmt: skip
             raise InputError(
-                f"the executor broke after {done} of {len(items)} ({type(error).__name__}: {error}); "
-                f"{where}. Workers usually die for lack of memory. A script that starts processes must "
-                'make its calls under `if __name__ == "__main__":`'
+                f"the executor broke after {done} of {len(items)} tasks ({type(error).__name__}: {error}); "
+                f"{where}. Workers usually die because memory runs out. A script that starts processes "
+                'must make its calls under `if __name__ == "__main__":`'
             ) from error
         finally:
             for job in jobs:

@@ -22,24 +22,24 @@ from .units import UNITS
 
 T = TypeVar("T")
 Refusal = Callable[[str], InputError]
-"""Creates the exception for a message; an exception class works."""
+"""Function that creates the exception from a message, such as an exception class."""
 
 _FINITE = sys.float_info.max
 Positive = Annotated[float, Meta(gt=0, le=_FINITE, description="a number > 0 and finite")]
 NotNegative = Annotated[float, Meta(ge=0, le=_FINITE, description="a number >= 0 and finite")]
-Text = Annotated[str, Meta(pattern=r"\S", description="a text in quotes")]
+Text = Annotated[str, Meta(pattern=r"\S", description="text in quotes")]
 
-_WORDS = {float: "a number", int: "a whole number", bool: "true or false", str: "a text in quotes"}
+_WORDS = {float: "a number", int: "a whole number", bool: "true or false", str: "text in quotes"}
 
 
 @dataclasses.dataclass(frozen=True)
 class Form:
-    """How the fields of a dataclass, and of nested ones, are written in a file.
+    """How the fields of a dataclass, and of nested dataclasses, are written in a file.
 
     Attributes:
         kinds: kind of unit for each quantity. Its key is the field's name and a unit, such as
-            `stroke_in`: every unit of `UNITS[kind]` is read, and the SI unit is written.
-        keys: key of each other field, if it is not the field's name.
+            `stroke_in`: every unit in `UNITS[kind]` is read, and the SI unit is written.
+        keys: key of any other field whose key is not the field's name.
     """
 
     kinds: Mapping[str, str] = dataclasses.field(default_factory=dict)
@@ -69,11 +69,11 @@ PLAIN = Form()
 def read_toml(
     path: Any, what: str, error: Refusal = InputError, *, where: str | None = None
 ) -> dict[str, Any]:
-    """Read the entries of a TOML file.
+    """Read the entries in a TOML file.
 
     Args:
         path: path of the file or of a resource, UTF-8 with or without a byte order mark.
-        what: type of the file for messages, such as "plan".
+        what: type of the file, for messages, such as "plan".
         error: exception to raise.
         where: prefix of every message; the path by default.
 
@@ -96,13 +96,13 @@ def from_entries(
 ) -> T:  # fmt: skip
     """Build a dataclass from the entries of a table, in SI.
 
-    A single number is read as a list with one element, and "none" as None.
+    Where a list is needed, a single number is read as a list of one. "none" is read as None.
 
     Args:
         kind: the dataclass.
         entries: keys and values from TOML.
-        form: spelling of the fields.
-        where: location of the table and prefix of every message, such as `"plan.toml: [rig]: "`.
+        form: keys of the fields.
+        where: location of the table, the prefix of every message, such as `"plan.toml: [rig]: "`.
         error: exception to raise.
 
     Raises:
@@ -154,7 +154,7 @@ def to_entries(part: Any, form: Form = PLAIN) -> dict[str, Any]:
 
 
 def toml_text(entries: Mapping[str, Any]) -> str:
-    """Return entries and one level of tables as TOML text; numbers keep every bit.
+    """Return entries and one level of tables as TOML text; numbers are written exactly.
 
     >>> print(toml_text({"name": "a", "rig": {"limits": [0.1, 1]}}), end="")
     name = "a"

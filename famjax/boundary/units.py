@@ -1,4 +1,4 @@
-"""Units at the boundary: every column, key and option carries its unit in its name.
+"""Units in input and output: the name of every column, key and option contains its unit.
 
 The multipliers are plain numbers, and tests compare them with pint. Importing pint would double the
 run time of a short command.
@@ -132,7 +132,9 @@ def unit_system(name: str) -> _System:
 
 
 def entry(name: str, value: float, kind: str, system: str) -> Row:
-    """Return a key with its unit, and an SI value converted to it; None for nan. A "number" has no unit.
+    """Return a row of one entry: a key that ends with its unit, and the SI value converted to that unit.
+
+    The value is None for nan. A "number" has no unit.
 
     >>> entry("length", 0.27, "length", "metric")
     {'length_mm': 270.0}
@@ -148,7 +150,7 @@ def finite_or_none(value: float | int) -> float | None:
 
 
 def parse_quantity(text: str, kind: str) -> float:
-    """Parse a number with its unit, such as "5bar", to SI.
+    """Parse a number with its unit, such as "5bar", and convert it to SI.
 
     Raises:
         InputError: the text is not a number, or its unit is missing or unknown.
@@ -169,7 +171,7 @@ def parse_quantity(text: str, kind: str) -> float:
 
 
 def quantity_unit(text: str) -> str:
-    """Return the unit after a number, or after the first number of a list; "" if there is none.
+    """Return the unit after a number, or after the first number in a list; "" if there is none.
 
     >>> quantity_unit("270mm,10in"), quantity_unit("5")
     ('mm', '')
@@ -179,7 +181,7 @@ def quantity_unit(text: str) -> str:
 
 
 def parse_quantities(texts: Iterable[str], kind: str) -> list[float]:
-    """Parse comma-separated numbers with units to SI."""
+    """Parse comma-separated numbers with units, and convert them to SI."""
     return [parse_quantity(one, kind) for text in texts for one in text.split(",") if one.strip()]
 
 
@@ -219,7 +221,7 @@ class Quantity(NamedTuple):
 
 
 class Sentence(str):
-    """Text of several parts, with its quantities in mm, kPa, N and MPa.
+    """Text built from several parts, with its quantities in mm, kPa, N and MPa.
 
     Args:
         *parts: texts and quantities in order.

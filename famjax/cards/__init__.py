@@ -1,4 +1,4 @@
-"""A muscle as plain data with units in its keys, and back; no fit is needed."""
+"""Convert a muscle to plain data with units in the keys, and back; no fit is needed."""
 
 import lazy_loader
 

@@ -1,6 +1,6 @@
 """The muscle card: all data for a simulator, a controller or a colleague in one file.
 
-`muscle_card.schema.json` in this folder is `schema()`, for readers in other languages.
+`muscle_card.schema.json` in this folder is the output of `schema()`, for programs in other languages.
 """
 
 import dataclasses
@@ -128,7 +128,7 @@ class Stroke(_Entry, tag="stroke", tag_field="kind"):
 
 
 class Hysteresis(_Entry):
-    """Slip elements about the static map, see `famjax.slip.CentredSlip`, and the map's cycle."""
+    """Slip elements about the static map, which is the mean over `cycle`; see `famjax.slip.CentredSlip`."""
 
     rest_length_m: float
     modulus_Pa: float
@@ -186,9 +186,12 @@ class CardDocument(_Entry):
     members: Annotated[list[Member], Meta(min_length=1)]
     rest_length_m: float
     data: Ranges
-    monotone: Annotated[Ranges, Meta(description="where the force is the model's own")]
+    monotone: Annotated[Ranges, Meta(description="region in which the model is used unchanged")]
     stops_m: Annotated[
-        Pair, Meta(description="lengths at which the braid locks and the threads are straight")
+        Pair,
+        Meta(
+            description="length at which the braid locks, and length at which the threads are straight"
+        ),
     ]
     volume: Volume | None
     covariance: Covariance | None
@@ -204,7 +207,7 @@ def schema() -> dict[str, Any]:
 
 
 def slip_as_dict(centred: CentredSlip) -> dict[str, Any]:
-    """Return slip elements and reference cycle as JSON-ready data in SI, exactly."""
+    """Return slip elements and reference cycle as JSON-ready data in SI, without rounding."""
     return msgspec.to_builtins(Hysteresis.of(centred))
 
 
@@ -219,7 +222,7 @@ def slip_from_dict(document: dict[str, Any]) -> CentredSlip:
         return msgspec.convert(known, Hysteresis).centred()
     except msgspec.ValidationError as error:
         raise InputError(
-            f"the hysteresis cannot be read ({error}): write it by famjax assess --hysteresis"
+            f"the hysteresis cannot be read ({error}): create it with famjax assess --hysteresis"
         ) from None
 
 
@@ -246,8 +249,8 @@ class MuscleCard:
     Attributes:
         name: name of the muscle.
         members: models of the muscle in the test rig; the force is their weighted sum.
-        weights: weights of the members, with sum 1, shape (members,).
-        data: lengths and pressures of the readings.
+        weights: weights of the members, which sum to 1, shape (members,).
+        data: range of lengths and pressures of the readings.
         covariance: covariance of the identified parameters relative to their scales, or None.
         draws: sample of muscles from `draw`, or None.
         hysteresis: hysteresis about the static force, or None if it was not identified.
@@ -295,17 +298,19 @@ class MuscleCard:
     @functools.cached_property
     def _safe(self) -> SafeMuscle:
         if in_trace():
-            raise InputError("call card.safe() before jit, grad or vmap, and use the muscle inside")
+            raise InputError(
+                "call card.safe() before jit, grad or vmap, and use the returned muscle inside"
+            )
         data = (np.asarray(one) for one in (self.data.length, self.data.pressure))
         return SafeMuscle.of(self.muscle, *data, hysteresis=self.hysteresis)
 
     def safe(self) -> SafeMuscle:
-        """Return the muscle for simulators, valid at any state, with hysteresis: `famjax.SafeMuscle`."""
+        """Return a muscle for simulators, valid in any state, with hysteresis: a `famjax.SafeMuscle`."""
         return self._safe
 
     @property
     def region(self) -> Region:
-        """Part of the data's region in which the model is monotone and used unchanged."""
+        """Part of the data region in which the model is monotone and used unchanged."""
         return self._safe.region
 
     def volume(self, length: Real, pressure: Real) -> RealArray:
@@ -318,9 +323,9 @@ class MuscleCard:
 
     @property
     def sample(self) -> AbstractMuscle | None:
-        """Muscles drawn from the fit's errors, with a leading axis on each array; None without errors.
+        """Muscles sampled from the fit's uncertainty, with a leading axis on each array; None without it.
 
-        Evaluate them under `equinox.filter_vmap`. Their spread does not include the model error, see
+        Evaluate them with `equinox.filter_vmap`. Their spread does not include the model error; see
         `provenance.model_error`.
         """
         if self.draws is None:
@@ -330,7 +335,7 @@ class MuscleCard:
         return eqx.filter_vmap(vary, out_axes=eqx.if_array(0))(rows)
 
     def cut(self, rest_length: float) -> "MuscleCard":
-        """Return the card of this muscle at another rest length; see `famjax.cut_to_length`.
+        """Return the card of this muscle, cut to another rest length; see `famjax.cut_to_length`.
 
         The region covers the same contractions and pressures. Errors, sample and hysteresis are omitted,
         because one specimen does not show how specimens differ.
@@ -346,7 +351,11 @@ class MuscleCard:
                 one.with_muscle(cut_to_length(one.muscle, rest_length)) for one in self.members
             )
         except (eqx.EquinoxRuntimeError, ValueError) as error:
-            why = error if isinstance(error, ValueError) else "it is shorter than its rounded ends"
+            why = (
+                error
+                if isinstance(error, ValueError)
+                else "it would be shorter than its rounded ends"
+            )
             raise InputError(f"{fault}: {why}") from None
         wide = _diameter_at_rest(members[0].muscle)
         if rest_length < wide:
@@ -372,8 +381,8 @@ def combined(
 ) -> AbstractMuscle:
     """Combine all members into one muscle, each with its mounting if that is compliant and not `rigid`.
 
-    With `numbers`, the parameters of the first member are new, and the other forces shift equally: the
-    spread of the force is the first member's, whatever its weight.
+    With `numbers` as parameters of the first member, the other forces shift by the same amount: the
+    spread of the force is that of the first member, whatever its weight.
     """
     loose = [not rigid and bool(np.any(np.asarray(one.compliance))) for one in members]
     own = [one if kept else one.muscle for one, kept in zip(members, loose, strict=True)]
@@ -391,12 +400,12 @@ def card_as_document(card: MuscleCard) -> CardDocument:
     """Return the content of a card's file.
 
     Raises:
-        InputError: a part of the muscle has no card format, or the model is nowhere monotone.
+        InputError: a part of the muscle cannot be stored in a card, or the model is nowhere monotone.
     """
     safe, members = card.safe(), []
     for one, weight in zip(card.members, np.asarray(card.weights, float), strict=True):
         if not isinstance(one.muscle, Muscle | EquilibriumMuscle):
-            raise InputError(f"a {type(one.muscle).__name__} has no card format")
+            raise InputError(f"a {type(one.muscle).__name__} cannot be stored in a card")
         exponent = None if one.exponent is None else float(one.exponent)
         members.append(
             Member(muscle_as_dict(one.muscle), float(one.compliance), float(weight), exponent)
@@ -454,7 +463,7 @@ def read_card(path: "str | Path | Traversable", *, own: Own = ()) -> MuscleCard:
     Args:
         path: file written by `write_card` or `famjax card`; may be a package resource.
         own: trusted modules and classes, such as `("my_rubber",)` or `(Gent,)`. A card with a class from
-            another module is refused, because importing it would run its code.
+            another module is rejected, because importing it would run its code.
 
     Returns:
         The card. Enable float64 in JAX first; otherwise the muscle's numbers are rounded to float32.
@@ -470,7 +479,8 @@ def read_card(path: "str | Path | Traversable", *, own: Own = ()) -> MuscleCard:
         raise InputError(f"cannot read {path}: {error.strerror}") from None
     except msgspec.DecodeError as error:
         raise InputError(
-            f"{path} is no muscle card of schema {SCHEMA}, or damaged: {error}; write one by famjax card"
+            f"{path} is not a muscle card of schema {SCHEMA}, or is damaged: {error}; create a card with "
+            "famjax card"
         ) from None
     except InputError as error:
         raise InputError(f"{path}: {error}") from None

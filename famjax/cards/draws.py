@@ -1,4 +1,4 @@
-"""Muscles drawn from the uncertainty of a fit: the parameters of one model, varied jointly."""
+"""Muscles sampled from the uncertainty of a fit: the parameters of one model are varied jointly."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -23,19 +23,19 @@ def draw(
     members: Sequence[MountedMuscle], weights: Any, directions: np.ndarray, region: Region,
     *, seed: int = 0, count: int = 32,
 ) -> Sample:  # fmt: skip
-    """Draw muscles from the covariance of a fit; each has a safe continuation.
+    """Sample muscles from the covariance of a fit; each has a safe continuation.
 
     x = x0 + sum z_k d_k with z_k standard normal. A draw is rejected if a parameter leaves its declared
     range, if the force is undefined somewhere in the region, or if it rises with pressure and length in
-    less than nine tenths of it: such muscles do not exist.
+    less than nine tenths of the region: such muscles do not exist.
 
     Args:
-        members: models of the muscle; the parameters of the first vary.
+        members: models of the muscle; the parameters of the first are varied.
         weights: weights of the members in the force.
         directions: independent directions of one standard deviation each, in the order of `flatten`,
             shape (directions, numbers).
         region: region in which the force of the card's own muscle rises.
-        seed: seed of NumPy's default generator.
+        seed: seed for NumPy's default generator.
         count: number of muscles.
 
     Raises:
@@ -56,7 +56,8 @@ def draw(
         tried += _AT_ONCE
     if len(kept) < count:
         raise InputError(
-            f"only {len(kept)} of {tried} draws are valid, {count} are needed: the fit tells too little"
+            f"only {len(kept)} of {tried} sampled muscles are valid, but {count} are needed: the fit "
+            "does not determine the parameters well enough"
         )
     return Sample(seed, list(number_names(first)), np.array(kept[:count]).tolist())
 

@@ -1,7 +1,8 @@
 """Convert a muscle to plain data with units in the keys, and back.
 
-Each number has its unit in its declaration (`famjax.parameter`, `famjax.parameters.number`), and each
-part its class in its annotation. There is no table of classes, so user-defined classes have cards as well.
+The unit of each number is in its declaration (`famjax.parameter`, `famjax.parameters.number`), and the
+class of each part is in its annotation. There is no table of classes, so a card can also contain
+user-defined classes.
 """
 
 import dataclasses
@@ -46,7 +47,7 @@ class Form(NamedTuple):
 
 
 Forms = dict[str, Form]
-"""Forms by the key of their entry, in the constructor's order."""
+"""Forms by the key of their entry, in the order of the constructor's arguments."""
 
 _GEOMETRY = {"geometry": Form("geometry", geometries.AbstractGeometry, is_part=True)}
 _TERMS = {"terms": Form("terms", terms.AbstractForceTerm, is_part=True, many=True)}
@@ -54,10 +55,10 @@ _MATERIAL = {"material": Form("material", materials.AbstractMaterial, is_part=Tr
 
 
 def muscle_as_dict(muscle: AbstractMuscle) -> dict[str, Any]:
-    """Return the muscle as JSON-ready data in SI, exactly.
+    """Return the muscle as JSON-ready data in SI, without rounding.
 
     Raises:
-        InputError: a part of the muscle has no card format, or a number is not finite.
+        InputError: a part of the muscle cannot be stored in a card, or a number is not finite.
     """
     return _written(muscle, "muscle")
 
@@ -96,8 +97,8 @@ def forms_of(cls: type) -> Forms:
         is_part = isinstance(kind, type) and issubclass(kind, eqx.Module)
         if spec is None and kind not in _PLAIN and not is_part:
             raise InputError(
-                f"a card cannot store the field {field.name!r} of {cls.__name__}: declare a number with "
-                "its unit by famjax.parameter or famjax.parameters.number, and a part by its class"
+                f"a card cannot store the field {field.name!r} of {cls.__name__}: declare a number and "
+                "its unit with famjax.parameter or famjax.parameters.number, and a part with its class"
             )
         unit = spec.unit if spec is not None and isinstance(spec.unit, str) else ""
         found[_key(field.name, unit)] = Form(field.name, kind, is_part, optional, many)
@@ -157,19 +158,21 @@ def _type_written(cls: type) -> str:
 def _read(card: Any, base: type, where: str, own: Own) -> Any:
     """Build the part that an object describes."""
     if not isinstance(card, dict):
-        raise InputError(f"{where} of the muscle card must be an object in braces, got {card!r}")
+        raise InputError(f"{where} in the muscle card must be an object in braces, got {card!r}")
     cls = _type_read(card.get("type"), base, where, own)
     forms = _muscle_forms(usual="terms" not in card) if cls is Muscle else forms_of(cls)
     missing = [key for key in forms if key not in card]
     unknown = [key for key in card if key not in forms and key != "type"]
     if missing or unknown:
         wrong = f"no entry {missing[0]!r}" if missing else f"the unknown entry {unknown[0]!r}"
-        raise InputError(f"the muscle card has {wrong} in {where}; entries: {', '.join(forms)}")
+        raise InputError(
+            f"the muscle card has {wrong} in {where}; valid entries: {', '.join(forms)}"
+        )
     values = {}
     for key, form in forms.items():
         value, at = card[key], f"{where}.{form.field}"
         if form.many and not isinstance(value, list):
-            raise InputError(f"{at} of the muscle card must be a list, got {value!r}")
+            raise InputError(f"{at} in the muscle card must be a list, got {value!r}")
         if form.many:
             value = [_read(one, form.annotation, f"{at}[{k}]", own) for k, one in enumerate(value)]
         elif value is not None or not form.optional:
@@ -178,19 +181,19 @@ def _read(card: Any, base: type, where: str, own: Own) -> Any:
     try:
         return cls(*values.values()) if cls is Muscle else cls(**values)
     except (ValueError, RuntimeError) as error:  # RuntimeError from checks of traced values
-        raise InputError(f"{where} of the card is not a valid {cls.__name__}: {error}") from None
+        raise InputError(f"{where} in the card is not a valid {cls.__name__}: {error}") from None
 
 
 def _type_read(name: Any, base: type, where: str, own: Own) -> type:
     """Return the class that a card names, if it is allowed there."""
     if isinstance(name, str) and ":" in name:
-        what = f"type of {where} of the card"
+        what = f"type of {where} in the card"
         check_trusted(name, own, what)
         return class_named(name, base, what)
     known = {one: cls for one, cls in _classes().items() if issubclass(cls, base)}
     if name not in [*known]:
         raise InputError(
-            f"{where} of the card has the unknown type {name!r}; use one of "
+            f"{where} in the card has the unknown type {name!r}; use one of "
             f"{', '.join(sorted(known))}, or module:Class"
         )
     return known[name]
@@ -210,25 +213,25 @@ def _classes() -> dict[str, type]:
 
 
 def _number(value: Any, annotation: Any, where: str, _own: Own) -> Any:
-    """Convert to a truth value, whole number or array, as the field is annotated."""
+    """Convert a value to a Boolean, a whole number or an array, as its field is annotated."""
     if annotation in (bool, int):
         if type(value) is annotation:
             return value
         raise InputError(
-            f"{where} of the card must be of type {annotation.__name__}, got {value!r}"
+            f"{where} in the card must be of type {annotation.__name__}, got {value!r}"
         )
     try:
         numbers = np.asarray(value, float)
     except (ValueError, TypeError):  # text, or lists of unequal lengths
         numbers = np.full((), np.nan)
     if not np.isfinite(numbers).all():
-        raise InputError(f"{where} of the card must hold finite numbers, got {value!r}")
+        raise InputError(f"{where} in the card must contain only finite numbers, got {value!r}")
     if annotation in _PLAIN:
         return tuple(numbers.tolist()) if numbers.ndim else float(numbers)
     axes, shape = annotation.dim_str.split(), numbers.shape
     digits = [one for one in zip(axes, map(str, shape), strict=False) if one[0].isdigit()]
     if "..." not in axes and (len(axes) != len(shape) or any(a != b for a, b in digits)):
         raise InputError(
-            f"{where} of the card must be numbers of shape ({' '.join(axes)}), got shape {shape}"
+            f"{where} in the card must be numbers of shape ({' '.join(axes)}), got shape {shape}"
         )
     return as_number(numbers)

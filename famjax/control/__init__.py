@@ -1,6 +1,6 @@
-"""Inverse maps and control: pressures for forces, joints, tracked lengths.
+"""Inverse maps and control: pressures for forces, joints and tracked lengths.
 
-Every function answers a batch, with a code in place of an exception: see `Outcome`.
+Every function accepts a batch and returns a code instead of raising an exception; see `Outcome`.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""Pressure required for a force, and roots of functions that need not be monotone."""
+"""Pressure required for a force, and roots of functions that may not be monotone."""
 
 import enum
 from collections.abc import Callable
@@ -20,9 +20,9 @@ ROUNDED = 64  # rounding allowance in units of eps times the largest value
 class Outcome(enum.IntEnum):
     """Outcome of an inverse map; `message` is a sentence with a remedy.
 
-    Results contain it as an integer array `code`, so one infeasible point does not affect the rest of a
-    batch. `FEASIBLE` is 0. `str(outcome)` is its name, a colon and its message; `Outcome.words`
-    names one code or an array of codes.
+    Results contain the outcome as an integer array `code`, so one infeasible point does not affect the
+    rest of a batch. `FEASIBLE` is 0. `str(outcome)` is its name, a colon and its message;
+    `Outcome.words` converts one code or an array of codes to names.
 
     >>> print(Outcome(2).name, "/", Outcome.FEASIBLE)
     FORCE_HIGH / FEASIBLE: the requested value is attained
@@ -41,18 +41,36 @@ class Outcome(enum.IntEnum):
     FEASIBLE = 0, "the requested value is attained"
     FORCE_LOW = (
         1,
-        "the force is too low for the allowed pressures: request more, or shorten the muscle",
+        "the force is too low for the allowed pressures: request a larger one, or shorten the muscle",
     )
-    FORCE_HIGH = 2, "the force is too high for the allowed pressures: request less, or lengthen it"
-    STIFFNESS_LOW = 3, "too soft for this torque: the answer has the least stiffness"
-    STIFFNESS_HIGH = 4, "too stiff for this torque: the answer has the largest stiffness"
-    TORQUE_LOW = 5, "below all torques of the taut pair at this angle: request more"
-    TORQUE_HIGH = 6, "above all torques of the taut pair at this angle: request less"
-    SLACK = 7, "a muscle is too short for the least pull at this angle: lengthen its path"
-    NO_STATE = 8, "no force at this length, or an input is nan: see muscle.length_range()"
+    FORCE_HIGH = (
+        2,
+        "the force is too high for the allowed pressures: request a smaller one, or lengthen the muscle",
+    )
+    STIFFNESS_LOW = (
+        3,
+        "the stiffness is too low for this torque: the result has the least stiffness",
+    )
+    STIFFNESS_HIGH = (
+        4,
+        "the stiffness is too high for this torque: the result has the largest stiffness",
+    )
+    TORQUE_LOW = (
+        5,
+        "the torque is too low for the taut pair at this angle: request a larger torque",
+    )
+    TORQUE_HIGH = (
+        6,
+        "the torque is too high for the taut pair at this angle: request a smaller torque",
+    )
+    SLACK = 7, "a muscle is too short to reach the least pull at this angle: lengthen its path"
+    NO_STATE = (
+        8,
+        "the force is undefined at this length (see muscle.length_range()), or an input is nan",
+    )
     MOMENT_ARM = (
         9,
-        "a moment arm has the wrong sign: at a dead centre, or the paths are exchanged",
+        "a moment arm has the wrong sign: the joint is at a dead centre, or the paths are swapped",
     )
 
     def __str__(self) -> str:
@@ -60,7 +78,7 @@ class Outcome(enum.IntEnum):
 
     @classmethod
     def words(cls, codes: Any) -> np.ndarray:
-        """Convert an integer or an array of integers, not traced, to names of the same shape.
+        """Convert an untraced integer or array of integers to names in an array of the same shape.
 
         Raises:
             ValueError: a number is not a code.
@@ -93,7 +111,7 @@ def first_crossing(function: Callable, stations: RealArray, target: RealArray) -
     """Find the first position between stations where a function reaches a target value.
 
     The search bisects the first cell whose end values bracket the target, to machine precision. A
-    target outside all values by rounding alone is found at the nearest station.
+    target that lies outside all values only by rounding is found at the nearest station.
 
     Args:
         function: f(x) of a scalar. Derivatives with respect to other variables follow from the implicit
@@ -132,7 +150,7 @@ def first_crossing(function: Callable, stations: RealArray, target: RealArray) -
 def bracketed(
     residual: Callable, low: RealArray, high: RealArray, *, falls: Any = False
 ) -> RealArray:
-    """Find the root of a residual in a bracket by bisection, differentiable by the implicit theorem.
+    """Find a bracketed root by bisection, differentiable by the implicit function theorem.
 
     Without a root in the bracket, some point of the bracket is returned.
 
@@ -159,9 +177,9 @@ class InversePressure(eqx.Module):
     """Pressure required for a force; every field has the broadcast shape of the arguments.
 
     Attributes:
-        pressure: P [Pa] within the limits. If the force is not attained, the pressure of the nearest
-            pull; nan if the muscle has no state.
-        force: pull [N] at this pressure.
+        pressure: P [Pa] within the limits. If the force is not attained, the pressure with the nearest
+            force; nan if the muscle has no state.
+        force: force [N] at this pressure.
         code: an `Outcome`: FEASIBLE, FORCE_LOW, FORCE_HIGH or NO_STATE.
     """
 
@@ -176,9 +194,8 @@ def pressure_for_force(
     """Find the lowest pressure at which a muscle pulls with a given force at a given length.
 
     The solution of F(L, P) = F is bracketed in 16 cells between the limits and bisected to machine
-    precision, so the force does not have to be monotone in the pressure. A muscle only pulls: a
-    negative force returns FORCE_LOW and the pressure of the least pull. A force of zero returns the
-    onset pressure.
+    precision, so the force need not be monotone in pressure. A muscle can only pull: a negative force
+    returns FORCE_LOW and the pressure with the least force. A force of zero returns the onset pressure.
 
     Args:
         muscle: object with `force(length, pressure)`.
@@ -187,9 +204,9 @@ def pressure_for_force(
         pressures: lowest and highest gauge pressure [Pa], lowest < highest.
 
     Returns:
-        Pressure and code with the broadcast shape of force and length. Differentiable to any order in
-        force, length and every number of the muscle by the implicit function theorem. Where the force
-        is not attained, the pressure does not depend on them.
+        Pressure and code with the broadcast shape of force and length. Differentiable to any order with
+        respect to force, length and every number in the muscle by the implicit function theorem. Where
+        the force is not attained, the pressure does not depend on them.
 
     >>> import famjax, numpy as np
     >>> braid = famjax.Braid.from_rest(diameter=0.023, braid_angle=1.1, length=0.296)

@@ -23,16 +23,19 @@ _ROUNDS = 7  # each narrows the interval to a 16th: 1 part in 1e9 of the curve
 class AbstractPath(eqx.Module):
     """Length of a muscle as a function of the joint angle.
 
-    Your own path is a class with `length`. The moment arm r = -dL/d(angle) follows by automatic
-    differentiation, and by virtual work the torque of a pull F is r F.
+    To define your own path, write a class with `length`. The moment arm r = -dL/d(angle) follows by
+    automatic differentiation. By virtual work, the torque due to a force F is r F.
     """
 
     @abc.abstractmethod
     def length(self, angle: Real) -> RealArray:
-        """Active length L [m] of the muscle at a joint angle [rad], with the angle's shape."""
+        """Return the active length L [m] of the muscle at a joint angle [rad], with the angle's shape."""
 
     def moment_arm(self, angle: Real) -> RealArray:
-        """Moment arm r = -dL/d(angle) [m], with the angle's shape; positive if a pull raises the angle."""
+        """Return the moment arm r = -dL/d(angle) [m], with the angle's shape.
+
+        It is positive if a pull raises the angle.
+        """
         angles = as_real(angle)
         return -jax.jvp(self.length, (angles,), (jnp.ones_like(angles),))[1]
 
@@ -53,7 +56,7 @@ class Pulley(AbstractPath):
     middle_length: Float[Given, ""] = eqx.field(converter=as_number)
 
     def length(self, angle: Real) -> RealArray:
-        """L_0 - r angle [m], with the angle's shape."""
+        """Return L_0 - r angle [m], with the angle's shape."""
         return self.middle_length - self.radius * as_real(angle)
 
 
@@ -84,25 +87,25 @@ class Antagonist(eqx.Module):
 
         torque = r_f F_f + r_e F_e,   K = -d torque / d angle = sum r^2 dF/dL - F dr/d angle
 
-    at constant pressures, with the moment arms r_f > 0 > r_e and the pulls F at the path lengths. A
-    muscle that would push is slack, F = 0. Pressures are static; `famjax.plant` describes their
-    dynamics and friction.
+    at constant pressures, with the moment arms r_f > 0 > r_e and the forces F at the path lengths. A
+    muscle that would push is slack, F = 0. Pressures are static; `famjax.plant` models dynamics and
+    friction.
 
-    A direct call of a method compiles quickly (about 15 s for a pair of bundled muscles) and runs
-    slowly. Inside your own `jax.jit` or `equinox.filter_jit(pair.pressures_for)` it is fully optimised:
+    A direct call to a method compiles quickly (about 15 s for a pair of bundled muscles) and runs
+    slowly. Inside your own `jax.jit` or `equinox.filter_jit(pair.pressures_for)`, it is fully optimised:
     compilation takes three times as long, and the program runs three times as fast. Evaluate many
     states in one call.
 
     Attributes:
         flexor: muscle that raises the angle, with `force(length, pressure)`.
-        extensor: its antagonist.
+        extensor: the flexor's antagonist.
         paths: paths of flexor and extensor, such as `Pulley`.
         pressures: lowest and highest gauge pressure [Pa], shape (2,).
         least_pull: least pull [N] of both muscles in the inverse maps, >= 0.
 
     References:
         Hogan 1984, IEEE Transactions on Automatic Control 29(8), 681-690: co-contraction sets the
-        stiffness apart from the torque.
+        stiffness independently of the torque.
     """
 
     flexor: Any
@@ -112,17 +115,17 @@ class Antagonist(eqx.Module):
     least_pull: Float[Given, ""] = eqx.field(converter=as_number, default=0.0)
 
     def torque(self, angle: Real, flexor: Real, extensor: Real) -> RealArray:
-        """Torque [N m] of the pair at an angle [rad] and two pressures [Pa], broadcast shape."""
+        """Return the torque [N m] of the pair at an angle [rad] and two pressures [Pa], broadcast shape."""
         return _each(_torque, self, angle, flexor, extensor)
 
     def pressures_for(self, angle: Real, stiffness: Real, torque: Real = 0.0) -> PairPressures:
-        """Pressures at which the joint has a given stiffness and torque at an angle.
+        """Return the pressures at which the joint has a given stiffness and torque at an angle.
 
-        The pressures with this torque form one curve in the box of pressures, from least pull or
+        The pressures with this torque form one curve within the pressure limits, from the least pull or
         pressure of one muscle to the highest pressure of one muscle. K is continuous on the curve, so
-        every stiffness between its extrema is attained; they are located in 32 cells and refined to
-        machine precision. Ask for an impossible stiffness to obtain the least or the largest. If several
-        states qualify, the one with the least co-contraction is returned.
+        every stiffness between its extrema is attained. The extrema are located in 32 cells and refined
+        to machine precision. Request an unattainable stiffness to obtain the least or the largest. If
+        several states qualify, the one with the least co-contraction is returned.
 
         Args:
             angle: joint angle [rad].
@@ -166,14 +169,14 @@ def _pressures_for(
 
 
 def _arms(pair: Antagonist, angle: RealArray) -> Float[Array, "2"]:
-    """Moment arms r [m]."""
+    """Return the moment arms r [m]."""
     return jnp.stack([path.moment_arm(angle) for path in pair.paths])
 
 
 def _forces(
     pair: Antagonist, angle: RealArray, flexor: RealArray, extensor: RealArray
 ) -> Float[Array, "2 ..."]:
-    """Unclipped forces [N] at two pressures [Pa]: negative if slack, nan at impossible states."""
+    """Return unclipped forces [N] at two pressures [Pa]: negative if slack, nan at impossible states."""
     lengths = [path.length(angle) for path in pair.paths]
     return of_each(
         lambda one, *at: one.force(*at), (pair.flexor, pair.extensor), lengths, [flexor, extensor]
@@ -218,9 +221,9 @@ def _curve(pair: Antagonist, angle: RealArray, torque: RealArray) -> "CoContract
 def _pressure(
     pair: Antagonist, angle: RealArray, which: int, limits: Float[Array, "2 2"], pull: RealArray
 ) -> RealArray:
-    """Return the pressure [Pa] at which the flexor (0) or the extensor (1) has a pull [N].
+    """Return the pressure [Pa] at which the flexor (0) or the extensor (1) has a given pull [N].
 
-    The result is a limit of the pressures for a pull at or beyond its limit.
+    For a pull at or beyond its limit, the result is a limit of the pressure.
     """
     muscle, length = (pair.flexor, pair.extensor)[which], pair.paths[which].length(angle)
     low, high = jax.lax.stop_gradient(limits[which])
@@ -229,14 +232,14 @@ def _pressure(
 
 
 class CoContraction(eqx.Module):
-    """Curve of pressures at which a pair has a torque; both pressures rise together along it.
+    """Curve of pressures at which a pair has a given torque; both pressures rise together along it.
 
     Attributes:
         pair: the pair.
         angle: joint angle [rad].
         torque: torque [N m], the requested one or the nearest possible.
         start, end: flexor's gauge pressure [Pa] at the ends of the curve.
-        limits: pulls [N] at the lowest and the highest pressure, one row for each muscle.
+        limits: forces [N] at the lowest and the highest pressure, one row for each muscle.
         code: an `Outcome`: FEASIBLE, TORQUE_LOW or TORQUE_HIGH, or the reason why no curve exists.
     """
 
@@ -249,7 +252,7 @@ class CoContraction(eqx.Module):
     code: Int[Array, ""]
 
     def pressures(self, share: RealArray) -> tuple[RealArray, RealArray]:
-        """Pressures [Pa] of flexor and extensor at a fraction [-] of the curve."""
+        """Return the pressures [Pa] of flexor and extensor at a fraction [-] of the curve."""
         r_f, r_e = _arms(self.pair, self.angle)
         flexor = self.start + share * (self.end - self.start)
         pull = _finite(self.pair.flexor.force(self.pair.paths[0].length(self.angle), flexor))
@@ -257,7 +260,7 @@ class CoContraction(eqx.Module):
         return flexor, _pressure(self.pair, self.angle, 1, self.limits, wanted)
 
     def stiffness(self, share: RealArray) -> RealArray:
-        """Stiffness K = -d torque / d angle [N m/rad] at a fraction of the curve."""
+        """Return the stiffness K = -d torque / d angle [N m/rad] at a fraction of the curve."""
         flexor, extensor = self.pressures(share)
 
         def torque(angle: RealArray) -> RealArray:
@@ -267,9 +270,9 @@ class CoContraction(eqx.Module):
         return -jax.jvp(torque, (self.angle,), (jnp.ones_like(self.angle),))[1]
 
     def extremes(self) -> Float[Array, "2"]:
-        """Fractions [-] of the curve with the least and the largest stiffness; not differentiated.
+        """Return the fractions [-] of the curve with the least and largest stiffness; not differentiated.
 
-        At an extremum the stiffness depends on the position only in second order.
+        At an extremum, the stiffness depends on the position only to second order.
         """
         held = jax.lax.stop_gradient(self)
         even = jnp.linspace(0.0, 1.0, _SHARES + 1, dtype=self.start.dtype)
@@ -287,5 +290,5 @@ class CoContraction(eqx.Module):
 
 
 def _finite(value: RealArray) -> RealArray:
-    """Replace nan and inf by 0, so they do not contaminate the derivatives of a batch."""
+    """Replace nan and inf with 0, so they do not contaminate the derivatives of a batch."""
     return jnp.where(jnp.isfinite(value), value, 0.0)

@@ -1,4 +1,4 @@
-"""Tuning of pressure-controller gains and set-pressure ramp by gradients through uncertain plants."""
+"""Tune pressure-controller gains and the set-pressure ramp by gradients through uncertain plants."""
 
 import dataclasses
 import itertools
@@ -18,7 +18,7 @@ from ..plant import TICK, AbstractCircuit, Command, Plant, PressureController
 from ..units import PSI
 
 NOISE, CORRELATION = 0.25 * PSI, 0.01
-"""Standard deviation [Pa] and correlation time [s] of a reading of the pressure; ASSUMED."""
+"""Standard deviation [Pa] and correlation time [s] of the noise in pressure readings; ASSUMED."""
 _STEPS = 25  # of the search at most
 _LEG = 4.0  # s of a stroke there, and of it back: the second half stands for the rest of it
 _BEFORE = 1.0  # s in which a plant comes to rest at the pressure before
@@ -60,7 +60,7 @@ class Gains(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Duty:
-    """Task of a controller: steps of the set pressure, and strokes at each.
+    """Task for a controller: steps in set pressure, with strokes at each.
 
     Attributes:
         pressures: set pressures [Pa] in order; the first step starts from 0.
@@ -96,9 +96,9 @@ class Expected(NamedTuple):
     Attributes:
         rms: root mean square pressure error [Pa] during strokes.
         overshoot: overshoot [Pa] beyond the set pressure before the strokes begin.
-        late: root mean square error [Pa] at the end of the settling.
+        late: root mean square error [Pa] at the end of the settling time.
         highest: highest pressure [Pa].
-        force: mean pull [N] during the strokes.
+        force: mean force [N] during the strokes.
     """
 
     rms: Any
@@ -109,9 +109,9 @@ class Expected(NamedTuple):
 
 
 def drawn_circuits(circuit: Any, count: int = 8, seed: int = 0) -> list[AbstractCircuit]:
-    """Return the circuit and random variations that represent an unmeasured rig.
+    """Return the circuit and random variations of it, which represent an unmeasured rig.
 
-    The distribution is log-uniform: pump and needle within 5 %, all other parameters within 30 %,
+    The distribution is log-uniform: pump and needle valve within 5 %, all other parameters within 30 %,
     clipped to their ranges.
 
     Args:
@@ -158,8 +158,8 @@ def tune(
 ) -> Gains:
     """Find the gains and the ramp that best hold the pressure during strokes, over all plants.
 
-    Minimises the mean square error during strokes and at the end of settling, with penalties for
-    overshoot beyond 8 % of a step and for pressures within 2 psi of the limit. The gradient is
+    Minimises the mean square error during strokes and at the end of the settling time, with penalties
+    for overshoot beyond 8 % of a step and for pressures within 2 psi of the limit. The gradient is
     computed through the simulation. Sensor noise penalises large gains.
 
     Args:
@@ -170,7 +170,7 @@ def tune(
         progress: called with the number of completed steps and the maximum number.
 
     Raises:
-        InputError: no gains hold the pressures of every plant.
+        InputError: no gains hold the set pressures for every plant.
     """
     arrays, static = _batched(plants)
     course, feed = _course(duty, seed), jnp.asarray(feed_forwards)
@@ -192,21 +192,22 @@ def tune(
     )  # fmt: skip
     if found.fun >= 1e9:
         raise InputError(
-            "no gains hold the pressures: pump or supply cannot reach them, or the circuit is wrong"
+            "found no gains that hold the set pressures: check that the pump or supply can reach them, "
+            "and that the circuit is correct"
         )
     return Gains.per_psi(*np.exp(found.x).tolist())
 
 
 def _batched(plants: Sequence[Plant]) -> tuple[Plant, Plant]:
-    """Stacked parameters of plants with the same structure, and their common static part."""
+    """Return the stacked parameters of plants with the same structure, and their common static part."""
     parts = [eqx.partition(one, eqx.is_array) for one in plants]
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *(one[0] for one in parts)), parts[0][1]
 
 
 def _course(duty: Duty, seed: int) -> tuple[Any, ...]:
-    """Set pressures before and after each step [Pa], rates [m/s], noise [Pa], and the ticks.
+    """Return set pressures before and after each step [Pa], rates [m/s], noise [Pa] and numbers of ticks.
 
-    The ticks are those before the strokes, of a simulated leg and of a whole leg.
+    The ticks are counted before the strokes, in a simulated leg and in a whole leg.
     """
     whole = duty.stroke / duty.rate
     ready, leg, whole = (round(t / TICK) for t in (_BEFORE + duty.settle, min(_LEG, whole), whole))
@@ -269,7 +270,7 @@ def _figures(arrays: Plant, static: Plant, feed: Array, gains: Array, *course: A
 def _cost(
     arrays: Plant, static: Plant, feed: Array, x: Array, limit: float, *course: Any
 ) -> tuple[Array, Array]:
-    """Cost and its gradient in the logarithms of the gains in counts and psi."""
+    """Return the cost and its gradient with respect to the logarithms of the gains in counts and psi."""
 
     def cost(x: Array) -> tuple[Array, Array]:
         seen = _figures(arrays, static, feed, x + np.log(_PER_COUNT), *course)

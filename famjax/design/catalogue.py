@@ -10,8 +10,8 @@ it. After swaging, the gap between fitting and tube on each side equals the comp
 These are equations 2.6 and 2.7 of the reference work. They assume that the die does not change the
 wall of the tube, and that the braid is not compressed where it lies over the far softer rubber. For
 the 7/8 in muscle they give 0.8387 in and 0.7475 in; 0.838 in and 0.748 in are published. A wall that
-keeps its cross-section thickens by 0.0018 in, which on each side is 0.17 of the braid: measure the
-bore of a swaged tube before trusting the sizes.
+keeps its cross-section thickens by 0.0018 in, which on each side is 0.17 of the braid's thickness:
+measure the bore of a swaged tube before trusting the sizes.
 
 References:
     Chambers 2021, chapter 2, tables 2.4 and 2.5.
@@ -52,7 +52,7 @@ _Coefficients = Annotated[
 def _check_wall(diameter: float, thickness: float) -> None:
     if not 2 * thickness < diameter:
         raise InputError(
-            f"a wall of {thickness:.4g} m closes a tube of {diameter:.4g} m; check both units"
+            f"a wall of {thickness:.4g} m closes a tube of diameter {diameter:.4g} m; check both units"
         )
 
 
@@ -65,7 +65,7 @@ class CatalogueBraid:
         nominal_diameter: diameter [m] at 45 deg.
         thickness: t_braid [m] where two threads cross.
         diameter_range: smallest and largest diameter [m], at which the braid jams.
-        boundary_range: usable diameters [m] beyond the jamming range, according to the source, or None.
+        boundary_range: usable diameters [m] beyond the jamming range, as stated by the source, or None.
         n_threads: number n [-] of threads in both families, or None if unknown.
         breaking_load: breaking load [N] of one thread, or None if unknown.
     """
@@ -90,7 +90,7 @@ class CatalogueBraid:
             )
 
     def fits(self, diameter: float) -> bool:
-        """Return True if the braid can be used on a bladder of an outer diameter [m]."""
+        """Return True if the braid can be used on a bladder with this outer diameter [m]."""
         smallest, largest = self.boundary_range or self.diameter_range
         return smallest * (1 - _ROUNDING) <= diameter <= largest * (1 + _ROUNDING)
 
@@ -157,11 +157,11 @@ def load_catalogue(paths: Iterable[str | Path] = (), *, bundled: bool = True) ->
         bundled: False omits the bundled catalogue.
 
     Returns:
-        The catalogue in SI.
+        The catalogue in SI units.
 
     Raises:
         InputError: a missing or unknown unit, an unknown key, a value out of range, or a
-            duplicate name; the message gives file and row.
+            duplicate name; the message states the file and the row.
 
     >>> catalogue = load_catalogue()
     >>> [braid.name for braid in catalogue.braids]
@@ -221,7 +221,7 @@ def _read(path: "Path | Traversable", where: str) -> dict[str, list[Any]]:
 
 
 def swaged_bore(outer_diameter: Real, thickness: Real, reduction: Real) -> RealArray:
-    """Bore D_bore [m] of a swaged tube, D - reduction - 2 t, with an unchanged wall.
+    """Return the bore D_bore [m] of a swaged tube, D - reduction - 2 t, for an unchanged wall.
 
     Args:
         outer_diameter: D [m] before swaging.
@@ -240,7 +240,7 @@ def swaged_bore(outer_diameter: Real, thickness: Real, reduction: Real) -> RealA
 def fitting_diameter_on_braid(
     bore: Real, braid_thickness: Real, braid_compression: Real
 ) -> RealArray:
-    """Diameter d [m] of the fitting under the braid alone, D_bore - 2 t_braid (1 - c_braid).
+    """Return the fitting diameter d [m] under the braid alone, D_bore - 2 t_braid (1 - c_braid).
 
     Args:
         bore: D_bore [m] of the tube after swaging.
@@ -262,7 +262,7 @@ def fitting_diameter_on_braid(
 def fitting_diameter_on_bladder(
     bore: Real, braid_thickness: Real, bladder_thickness: Real, bladder_compression: Real
 ) -> RealArray:
-    """Diameter d [m] of the fitting under bladder and braid; the braid is not compressed.
+    """Return the fitting diameter d [m] under bladder and braid; the braid is not compressed.
 
     d = D_bore - 2 t_braid - 2 t_bladder (1 - c_bladder)
 
@@ -287,7 +287,7 @@ def fitting_diameter_on_bladder(
 
 
 BRAID_COMPRESSION, BLADDER_COMPRESSION = 0.17, 0.30
-"""Compressions c [-] of the reference work's first muscle; later ones have 0.27 in the braid."""
+"""Compressions c [-] in the reference work's first muscle; later muscles have 0.27 in the braid."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -317,7 +317,7 @@ class EndFitting:
 def size_end_fittings(
     catalogue: Catalogue, braid: CatalogueBraid, bladder: CatalogueBladder
 ) -> list[EndFitting]:
-    """Size the inner fitting of a braid and a bladder for every swage tube of a catalogue.
+    """Size the inner fitting for a braid and a bladder with every swage tube in a catalogue.
 
     Returns:
         One fitting for each tube, in the order of the catalogue.

@@ -42,7 +42,7 @@ def design(
     """Search a catalogue of braids, bladders and tubes for a muscle that meets a requirement.
 
     Writes `design.json` (Pareto front, refined design with end-fitting, candidates excluded by each limit)
-    and `feasible.csv`. If no candidate is feasible, prints the nearest miss and exits with 1.
+    and `feasible.csv`. If no candidate is feasible, prints the nearest miss and exits with code 1.
 
     Parameters
     ----------
@@ -54,24 +54,24 @@ def design(
     catalogue
         Your own catalogue file, repeatable; the bundled catalogue shows the format.
     bundled
-        Search the bundled catalogue as well.
+        Search the bundled catalogue too.
     search
-        Approximate number of candidates: a grid of rest lengths and pressures for each pair of bladder
+        Approximate number of candidates, on a grid of rest lengths and pressures for each pair of bladder
         and braid that can be built.
     objective
-        Objective of the Pareto front, repeatable. Minimised: outer_diameter, rest_length, pressure, air
+        Objective for the Pareto front, repeatable. Minimised: outer_diameter, rest_length, pressure, air
         (free air per stroke). Maximised: force, blocked_force, contraction, stroke. If omitted:
         outer_diameter, rest_length and air.
     vary
         Search range as key_unit=least:greatest, or a single number to fix the value:
-        rest_length_mm=100:600, pressure_psi=20:100. If omitted, from a quarter of the supply pressure
-        and of the longest length (or 500 mm) up to the full value.
+        rest_length_mm=100:600, pressure_psi=20:100. If omitted, the ranges run from a quarter of the
+        supply pressure and of the longest length (or 500 mm) up to the full value.
     end_fittings
         Require a swage tube that fits.
     output
         Folder for the files, created if missing.
     units
-        Units of tables and files: si, metric (mm, kPa, N) or us (in, psi, lbf).
+        Units for tables and files: si, metric (mm, kPa, N) or us (in, psi, lbf).
     json_
         Print only one JSON object to standard output.
     """
@@ -104,7 +104,7 @@ def design(
         return code
     for title, rows in (
         ("Refined design", document["refined"]),
-        ("Front, the most balanced first", document["front"][:_SHOWN]),
+        ("Pareto front, most balanced design first", document["front"][:_SHOWN]),
         ("Nearest miss", document["nearest"]),
     ):
         if rows:
@@ -116,7 +116,7 @@ def design(
 
 
 def _narrow(rows: list[dict]) -> list[dict]:
-    """Rows without the columns that only the file contains."""
+    """Return the rows without the columns that appear only in the file."""
     left = ("tube", "diameter_on", "blocked_force", "thread", "turns")
     return [{key: row[key] for key in row if not key.startswith(left)} for row in rows]
 
@@ -126,7 +126,7 @@ def _narrow(rows: list[dict]) -> list[dict]:
 
 @dataclasses.dataclass(frozen=True)
 class _Varied:
-    """Ranges of a search; None if not given."""
+    """Ranges to search; None if not specified."""
 
     pressure: tuple[float, float] | None = None
     rest_length: tuple[float, float] | None = None
@@ -138,7 +138,7 @@ def _read(kind: type[_T], entries: Iterable[str], option: str, example: str) -> 
     try:
         numbers = {key: [float(one) for one in text.split(":")] for key, text in given.items()}
     except ValueError as error:
-        raise InputError(f"{option}: {error}; give a number, as in {example}") from None
+        raise InputError(f"{option}: {error}; use a number, as in {example}") from None
     values = {
         key: one * 2 if kind is _Varied and len(one) == 1 else one if len(one) > 1 else one[0]
         for key, one in numbers.items()

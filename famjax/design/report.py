@@ -21,10 +21,10 @@ def _entries(source: Mapping[str, Any], kinds: Mapping[str, str], system: str) -
 
 
 def design_rows(found: Search, at: Sequence[int] | NDArray[np.int64], *, system: str) -> list[Row]:
-    """Return candidates of a search as rows; an unknown number is None.
+    """Return candidates from a search as rows; an unknown number is None.
 
-    Each row lists the parts to buy, the sizes of the end-fitting, the columns of the search, and length
-    and turns of the threads.
+    Each row lists the parts to buy, the sizes of the end-fitting, the columns of the search, and the
+    length and turns of the threads.
 
     Args:
         found: from `search`.
@@ -54,7 +54,7 @@ def _row(found: Search, numbers: Mapping[str, Any], system: str) -> Row:
 
 
 def exclusion_rows(found: Search, *, system: str) -> list[Row]:
-    """Return how many candidates each constraint excludes, largest first, and the best value found.
+    """Return the number of candidates that each constraint excludes, largest first, and the best value.
 
     `alone` counts the candidates that meet all other constraints.
     """
@@ -117,7 +117,7 @@ def feasible_table(found: Search, *, system: str) -> bytes:
 
 
 def summary(found: Search, *, system: str) -> list[str]:
-    """Summarise in sentences how many candidates are feasible, and why pairs are excluded.
+    """Summarise in sentences how many candidates are feasible, and why pairs were excluded.
 
     If no candidate is feasible, add the number that each constraint excludes.
 

@@ -46,20 +46,20 @@ ATMOSPHERE = 101325.0
 """Standard atmosphere [Pa], the reference pressure of free air."""
 
 LATEX = (257.8 * units.PSI, -57.9 * units.PSI, 32.7 * units.PSI)
-"""Default E_n [Pa]: latex of the reference work (Chambers 2021, chapter 6)."""
+"""Default E_n [Pa]: the reference work's latex (Chambers 2021, chapter 6)."""
 
 COLUMNS = {
     "rest_length": "length", "pressure": "pressure", "braid_angle": "angle", "blocked_force": "force",
     "force": "force", "contraction": "number", "stroke": "length", "outer_diameter": "length",
     "air": "volume", "thread_factor": "number",
 }  # fmt: skip
-"""Columns of a candidate and the quantity of each, which sets its unit; see `Search`."""
+"""Columns for a candidate, and the quantity of each, which sets its unit; see `Search`."""
 
 OBJECTIVES: dict[str, Literal["least", "most"]] = {
     **dict.fromkeys(("outer_diameter", "rest_length", "pressure", "air"), "least"),
     **dict.fromkeys(("force", "blocked_force", "contraction", "stroke"), "most"),
 }
-"""Available objectives, and whether the least or the most is best."""
+"""Available objectives, and whether the least or the most value is best."""
 
 DEFAULT_OBJECTIVES = ("outer_diameter", "rest_length", "air")
 """Size of the muscle and air per stroke."""
@@ -135,7 +135,7 @@ class Combination(Parametrised):
     def of(
         cls, bladder: CatalogueBladder, braid: CatalogueBraid, coefficients: Sequence[float]
     ) -> "Combination":
-        """Combine two rows of the catalogue, with E_n [Pa] of the bladder, at a length of 1 m."""
+        """Combine two catalogue rows and the bladder's E_n [Pa], at a length of 1 m."""
         return cls(
             bladder.diameter, bladder.thickness, braid.nominal_diameter, braid.thickness,
             braid.diameter_range[1], PolynomialMaterial(coefficients),
@@ -158,29 +158,29 @@ class Combination(Parametrised):
 
     @property
     def jam_contraction(self) -> RealArray:
-        """Contraction [-] at which the braid jams, 1 - sin(theta) / sin(theta0); 0 at the least."""
+        """Contraction [-] at which the braid jams, 1 - sin(theta) / sin(theta0); at least 0."""
         jammed = fam_angle(self.largest_diameter, self.nominal_diameter)
         return jnp.maximum(1 - jnp.sin(jammed) / jnp.sin(self.braid_angle), 0.0)
 
     def outer_diameter(self, contraction: Real) -> RealArray:
-        """Diameter [m] outside the braid at a contraction [-]; nan where the braid jams."""
+        """Return the diameter [m] outside the braid at a contraction [-]; nan where the braid jams."""
         length, free = self._length(contraction)
         geometry: Any = self.muscle.geometry
         return jnp.where(free, geometry.braid.diameter(length) + 2 * self.braid_thickness, jnp.nan)
 
     def force(self, contraction: Real, pressure: Real) -> RealArray:
-        """Pull F [N] at a contraction [-] and gauge pressure P [Pa]; nan where the braid jams.
+        """Return the force F [N] at a contraction [-] and gauge pressure P [Pa]; nan where the braid jams.
 
-        Not clipped: negative beyond the free contraction.
+        The force is not clipped: it is negative beyond the free contraction.
         """
         length, free = self._length(contraction)
         return jnp.where(free, self.muscle.force(length, pressure), jnp.nan)
 
     def usable_contraction(self, pressure: Real) -> RealArray:
-        """Contraction [-] at zero force, or at jamming if that comes first, for a scalar pressure.
+        """Return the contraction [-] at zero force, or at jamming if that comes first, for one pressure.
 
-        Found by bisection, with derivatives from the implicit function theorem; nan if the pressure
-        does not move the bladder.
+        It is found by bisection, with derivatives from the implicit function theorem, and is nan if the
+        pressure is too low to move the bladder.
         """
         greatest = self.jam_contraction
         fine = jnp.finfo(greatest.dtype)
@@ -195,7 +195,7 @@ class Combination(Parametrised):
         return jnp.where(scale > 0, found, jnp.nan)
 
     def _length(self, contraction: Real) -> tuple[RealArray, Array]:
-        """Length [m] and a mask of states without jamming; jammed states get the rest length."""
+        """Return the length [m] and a mask of states without jamming; jammed states get the rest length."""
         at = as_real(contraction)
         free = at <= self.jam_contraction + 8 * jnp.finfo(self.rest_length.dtype).eps
         return self.rest_length * (1 - jnp.where(free, at, 0.0)), free
@@ -206,11 +206,11 @@ class Combination(Parametrised):
 
 @dataclasses.dataclass(frozen=True)
 class Requirement:
-    """Requirements of a muscle; zero or infinity means no requirement.
+    """Requirements for a muscle; zero or infinity means no requirement.
 
     Attributes:
         pressure: supply gauge pressure P [Pa], > 0.
-        force: least pull [N], >= 0, at `force_contraction` and at `force_stroke`.
+        force: least force [N], >= 0, at `force_contraction` and at `force_stroke`.
         contraction: least contraction [-], a fraction in [0, 1).
         largest_diameter: largest diameter [m] outside the braid at the required contraction and
             stroke.
@@ -279,11 +279,11 @@ class Search:
         pairs: pairs that can be built.
         left_out: number of excluded pairs by reason.
         columns: columns of all candidates.
-        margins: relative margin to each of `CONSTRAINTS`, shape (candidates, constraints). Negative
+        margins: relative margin for each of `CONSTRAINTS`, shape (candidates, constraints). Negative
             if the constraint is violated; nan if the braid jams first or the value is unknown.
         front: indices of the candidates on the Pareto front, the most balanced first.
-        refined: columns of the most balanced design, refined between the grid points, and its `gain`
-            in the sum of balanced costs; None if no candidate is feasible.
+        refined: columns of the most balanced design, refined between the grid points, and its `gain`,
+            the reduction in the sum of balanced costs; None if no candidate is feasible.
     """
 
     requirement: Requirement
@@ -320,17 +320,18 @@ def search(
     coefficients: Sequence[float] = LATEX,
     end_fittings: bool = True,
 ) -> Search:
-    """Find the Pareto front over all pairs of a catalogue, rest lengths and pressures.
+    """Find the Pareto front over all pairs in a catalogue, rest lengths and pressures.
 
     Args:
         catalogue: from `load_catalogue`.
-        requirement: in SI; its pressure is the highest available.
+        requirement: in SI units; its pressure is the highest available.
         rest_length: least and greatest active length L0 [m]; two equal values fix it.
         pressure: least and greatest gauge pressure P [Pa]. If omitted, from a quarter of the
-            requirement's pressure to all of it.
+            requirement's pressure to the full value.
         about: largest number of candidates, but at least one for each pair.
         objectives: names from `OBJECTIVES`; fewer objectives give a shorter front.
-        coefficients: E_n [Pa] for bladders whose rubber is not in the catalogue; (0.0,) neglects it.
+        coefficients: E_n [Pa] for bladders whose rubber is not in the catalogue; (0.0,) neglects the
+            rubber.
         end_fittings: True if a swage tube must fit. The fitting tube with the thickest wall is used.
 
     Returns:
@@ -428,7 +429,7 @@ def _buildable_pairs(
 
 
 def _stacked(pairs: Sequence[BuildablePair], coefficients: Sequence[float]) -> Combination:
-    """Stack the pairs, with laws of one order."""
+    """Stack the pairs, with all laws of the same order."""
     rubber = [list(p.bladder.coefficients or coefficients) for p in pairs]
     order = max(map(len, rubber))
     each = [
@@ -441,10 +442,10 @@ def _stacked(pairs: Sequence[BuildablePair], coefficients: Sequence[float]) -> C
 def _performance(
     pair: Combination, usable: RealArray, pressure: RealArray, asked: Mapping[str, Any]
 ) -> Float[Array, " numbers"]:
-    """Values of `COLUMNS`, then margins of `CONSTRAINTS`, for one pair at P [Pa].
+    """Return the values of `COLUMNS`, then the margins of `CONSTRAINTS`, for one pair at P [Pa].
 
     Outer diameter and air are evaluated at the required contraction, or at the usable contraction if
-    that is less. The free air of an isothermal stroke is ((P + P_a) V - P_a V0) / P_a.
+    that is less. The free air for an isothermal stroke is ((P + P_a) V - P_a V0) / P_a.
     """
     muscle, rest = pair.muscle, pair.rest_length
     at = jnp.minimum(jnp.maximum(asked["contraction"], asked["stroke"] / rest), usable)
@@ -504,7 +505,7 @@ def _grid(
 
 
 def costs_of(columns: Mapping[str, NDArray], objectives: Sequence[str]) -> Floats:
-    """Costs to minimise: signed logarithms of the objectives, clipped to +-1000, (n, objectives)."""
+    """Return the costs to minimise: signed logs of the objectives, clipped to +-1000, (n, objectives)."""
     signs = [1.0 if OBJECTIVES[name] == "least" else -1.0 for name in objectives]
     with np.errstate(divide="ignore", invalid="ignore"):
         logs = [np.log(np.asarray(columns[name], dtype=np.float64)) for name in objectives]
@@ -515,9 +516,9 @@ def front_members(costs: Floats, step: float = 0.0) -> NDArray[np.int64]:
     """Select candidates on the Pareto front, at least a relative step apart.
 
     The cost space is divided into boxes of width log(1 + step). Each non-dominated box contributes
-    its candidate with the least sum of costs. No candidate dominates a selected one, and every
-    candidate has a selected one that is worse by at most `step` in each objective. With step = 0 the
-    result is the whole front; of equal candidates the first is kept.
+    its candidate with the least sum of costs. No candidate dominates a selected one, and for every
+    candidate there is a selected one that is worse by at most `step` in each objective. With step = 0,
+    the result is the whole front; of equal candidates, the first is kept.
 
     Args:
         costs: from `costs_of`, (n, objectives).
@@ -544,7 +545,7 @@ def front_members(costs: Floats, step: float = 0.0) -> NDArray[np.int64]:
 
 
 def balance(costs: Floats) -> Floats:
-    """Cost weights 1 / (range on the front), shape (objectives,).
+    """Return the cost weights 1 / (range on the front), shape (objectives,).
 
     The balanced design minimises the weighted sum.
     """

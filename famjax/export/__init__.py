@@ -1,4 +1,4 @@
-"""Export of muscles: C, tables, MATLAB and Simulink, MuJoCo, MJX, StableHLO."""
+"""Export muscles to C, tables, MATLAB and Simulink, MuJoCo, MJX and StableHLO."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Export a muscle's plant as C source with a volume table, and as an FMU for FMI 2.0."""
+"""Export a muscle's plant as C source with a volume table, and as an FMI 2.0 FMU."""
 
 import hashlib
 import importlib.resources
@@ -39,7 +39,7 @@ def numbers_in_lines(values: Iterable[float], *, number: str = "R({})", end: str
 
 
 def plant_words(subject: Subject) -> dict[str, Any]:
-    """Return the substitutions in the templates of a plant.
+    """Return the substitutions for the plant templates.
 
     Raises:
         InputError: the circuit or friction has no C code, or the muscle has no volume.
@@ -47,7 +47,8 @@ def plant_words(subject: Subject) -> dict[str, Any]:
     plant: Any = subject.plant
     if type(plant.circuit) not in (PneumaticCircuit, HydraulicCircuit):
         raise InputError(
-            f"a plant with a {type(plant.circuit).__name__} cannot be exported: use air or water of famjax"
+            f"a plant with a {type(plant.circuit).__name__} cannot be exported: use famjax's air or water "
+            "circuit"
         )
     circuit = {name: getattr(plant.circuit, name) for name in plant.circuit.__dataclass_fields__}
     if circuit.get("relief", 0.0) is None:  # no valve: zero conductance
@@ -105,7 +106,7 @@ def _defined(letter: str, numbers: Mapping[str, Any]) -> list[str]:
 
 
 def filled(template: str, values: Mapping[str, Any]) -> bytes:
-    """Fill in the `@WORDS@` of a file in the folder `templates`.
+    """Fill in the `@WORDS@` in a file from the folder `templates`.
 
     Raises:
         KeyError: a word has no value.
@@ -123,7 +124,7 @@ def fmu(subject: Subject, sources: Mapping[str, bytes]) -> bytes:
 
     Args:
         subject: muscle with its plant.
-        sources: C files of both, by name.
+        sources: C files of muscle and plant, by name.
 
     References:
         FMI 2.0.4, Modelica Association, 2022.
@@ -150,7 +151,7 @@ def fmu(subject: Subject, sources: Mapping[str, bytes]) -> bytes:
 
 
 def _binary(name: str, files: Mapping[str, bytes]) -> dict[str, bytes]:
-    """Compile the shared library; empty if gcc lacks the C headers."""
+    """Compile the shared library; return {} if that fails, for example without C headers."""
     with tempfile.TemporaryDirectory() as folder:
         for one, content in files.items():
             (Path(folder) / Path(one).name).write_bytes(content)

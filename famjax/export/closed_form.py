@@ -1,6 +1,6 @@
 """The closed-form equations of a muscle as readable MATLAB and Python (NumPy) code.
 
-Statements are written with Python operators; for MATLAB, the arithmetic operators get a dot.
+Statements are written with Python operators; for MATLAB, a dot is added to the arithmetic operators.
 """
 
 import re
@@ -27,30 +27,30 @@ class ClosedForm(NamedTuple):
 
 
 Stress = tuple[dict[str, tuple[float, str]], str]
-"""Parameters of a law, and the stress as an expression of the strains e and o."""
+"""Parameters of a law, and the stress as an expression in the strains e and o."""
 
 
 def _polynomial(law: materials.PolynomialMaterial) -> Stress:
-    E = {f"E_{k}": (float(one), "Pa, bladder") for k, one in enumerate(law.coefficients, 1)}
+    E = {f"E_{k}": (float(one), "Pa, bladder law") for k, one in enumerate(law.coefficients, 1)}
     terms = " + ".join(f"E_{k} * abs(e)**{k}" for k in range(1, len(E) + 1))
     return E, f"sign(e) * ({terms})"
 
 
 def _saturating(law: materials.SaturatingMaterial) -> Stress:
     numbers = {
-        "E_inf": (float(law.final_modulus), "Pa, bladder"),
-        "S": (float(law.saturation_stress), "Pa, bladder"),
-        "s": (float(law.strain_scale), "-, bladder"),
+        "E_inf": (float(law.final_modulus), "Pa, bladder law"),
+        "S": (float(law.saturation_stress), "Pa, bladder law"),
+        "s": (float(law.strain_scale), "-, bladder law"),
     }
     return numbers, "E_inf * e - S * sign(e) * expm1(-abs(e) / s)"
 
 
 def _ogden(pairs: Iterable[tuple[Any, Any]]) -> Stress:
-    """Laws of rubber as sums of Ogden's terms, with modulus mu and exponent alpha each."""
+    """Write rubber laws as sums of Ogden terms, each with a modulus mu and an exponent alpha."""
     numbers, terms = {}, []
     for k, (modulus, exponent) in enumerate(pairs, 1):
-        numbers[f"mu_{k}"] = (float(modulus), "Pa, bladder")
-        numbers[f"alpha_{k}"] = (float(exponent), "-, bladder")
+        numbers[f"mu_{k}"] = (float(modulus), "Pa, bladder law")
+        numbers[f"alpha_{k}"] = (float(exponent), "-, bladder law")
         terms.append(f"mu_{k} * ((1 + e)**alpha_{k} - ((1 + e) * (1 + o))**-alpha_{k})")
     return numbers, " + ".join(terms)
 
@@ -69,7 +69,7 @@ def closed_form(muscle: AbstractMuscle) -> ClosedForm | None:
     """Return the equations of a muscle; None if it has no closed form and only a table can be exported.
 
     Args:
-        muscle: muscle with a closed form if it is a cylinder, with or without rounded ends, with
+        muscle: it has a closed form if it is a cylinder, with or without rounded ends, with
             inextensible or linearly elastic threads, a bladder law and a pressurised braid.
     """
     if not isinstance(muscle, Muscle):
@@ -90,10 +90,10 @@ def closed_form(muscle: AbstractMuscle) -> ClosedForm | None:
     law, stress = _STRESSES[type(muscle.material)](muscle.material)
     numbers = {
         "L0": (bladder.rest_length, "m, rest length"),
-        "B0": (braid.rest_thread_length, "m, length of a thread"),
-        "N": (braid.turns, "-, turns of a thread"),
-        "V": (bladder.volume, "m^3, rubber"),
-        "r0": (bladder.rest_mid_radius, "m, middle of the wall at rest"),
+        "B0": (braid.rest_thread_length, "m, thread length"),
+        "N": (braid.turns, "-, turns of one thread"),
+        "V": (bladder.volume, "m^3, volume of rubber"),
+        "r0": (bladder.rest_mid_radius, "m, mid-wall radius at rest"),
         "P_d": (terms[PressurisedBraid].deadband_pressure, "Pa, deadband"),
     }
     cut, B, wall, middle = "L", "B0", "V / (2 * pi * R * l)", "R / r0 - 1"
@@ -101,10 +101,10 @@ def closed_form(muscle: AbstractMuscle) -> ClosedForm | None:
         numbers["k"] = (ends, "-, end factor")
         cut = "L0 * (1 - k * (1 - L / L0))"
     if isinstance(braid, CompliantBraid):
-        numbers["c"] = (braid.compliance, "1/N, compliance of the threads")
+        numbers["c"] = (braid.compliance, "1/N, thread compliance")
         B = "B0 / (1 - c * B0 * P * l / (2 * pi * N**2))"
     if not bladder.embedded:
-        numbers["t_b"] = (braid.thickness, "m, thickness of the braid")
+        numbers["t_b"] = (braid.thickness, "m, braid thickness")
         wall, middle = "R - t_b - sqrt((R - t_b)**2 - V / (pi * l))", "(R - t_b - t / 2) / r0 - 1"
     known = {name: (float(value), about) for name, (value, about) in numbers.items()}
     along = re.sub(r"\be\b", "e_z", re.sub(r"\bo\b", "e_c", stress))

@@ -1,4 +1,4 @@
-"""MuJoCo and MJX: callbacks for muscles, a simulation step with muscles, and a model with a hung load."""
+"""MuJoCo and MJX: callbacks for muscles, a simulation step with muscles, a model with a hanging load."""
 
 import ctypes
 import inspect
@@ -32,7 +32,7 @@ _SHARE = 0.5, 2 / 3  # load as a fraction of the blocked force, pressure as one 
 
 
 class CompiledPull:
-    """The force from the exported C in a shared library, faster than the table in Python.
+    """The force from the exported C code in a shared library, faster than the table in Python.
 
     Attributes:
         force: F [N] at a length [m] and a gauge pressure [Pa].
@@ -42,7 +42,7 @@ class CompiledPull:
         """Load a library, for example from `gcc -O2 -shared -fPIC NAME.c -o NAME.so`.
 
         Args:
-            library: path of the file, compiled in double precision.
+            library: path of the library, compiled in double precision.
             name: name of the muscle in the library.
         """
         self.force = getattr(ctypes.CDLL(str(Path(library).resolve())), f"{name}_force")
@@ -50,18 +50,18 @@ class CompiledPull:
 
 
 class CompiledPlant:
-    """A muscle and its circuit from the exported C in a shared library.
+    """A muscle and its circuit from the exported C code in a shared library.
 
     Attributes:
-        state: pressure [Pa], openings of valve or pump and of the dump valve, length [m] at the end of the
-            last step, friction; as in the C code.
+        state: pressure [Pa], openings of the valve or pump and of the dump valve, length [m] at the end of
+            the last step, and friction, as in the C code.
     """
 
     def __init__(self, library: str | Path, name: str) -> None:
         """Load a library, for example from `gcc -O2 -shared -fPIC NAME.c -o NAME.so -lm`.
 
         Args:
-            library: path of the file, compiled in double precision.
+            library: path of the library, compiled in double precision.
             name: name of the muscle in the library.
         """
         loaded = ctypes.CDLL(str(Path(library).resolve()))
@@ -75,7 +75,7 @@ class CompiledPlant:
         self.state = (number * (size // ctypes.sizeof(number)))()
 
     def start(self, length: float, pressure: float = 0.0) -> None:
-        """Set the plant at rest at a length [m] and a gauge pressure [Pa]."""
+        """Start the plant at rest, at a length [m] and a gauge pressure [Pa]."""
         self._start(self.state, length, pressure)
 
     def step(self, signal: float, dump: float, length: float, velocity: float, dt: float) -> None:
@@ -90,7 +90,7 @@ class CompiledPlant:
 def _check_actuators(
     mujoco: Any, model: Any, named: Mapping[int, str], offsets: Mapping[str, float]
 ) -> None:
-    """Refuse actuators through which a muscle would exert no force."""
+    """Reject actuators through which a muscle would exert no force."""
     for number, name in named.items():
         if model.actuator_biastype[number] != mujoco.mjtBias.mjBIAS_USER:
             raise ValueError(f'the actuator {name} must have biastype="user" to exert a force')
@@ -99,7 +99,7 @@ def _check_actuators(
         fixed = of_tendon and model.wrap_type[first] == mujoco.mjtWrap.mjWRAP_JOINT
         if fixed and name not in offsets:
             raise ValueError(
-                f"the tendon of {name} is fixed, so its length is 0 at zero joint angle: give the length "
+                f"the tendon of {name} is fixed, so its length is 0 at zero joint angle: pass the length "
                 f"of the muscle there as an offset, install(model, pulls, {{'{name}': 0.27}})"
             )
 
@@ -107,17 +107,17 @@ def _check_actuators(
 def install(
     model: Any, pulls: Mapping[str, Any], offsets: Mapping[str, float] | None = None
 ) -> None:
-    """Compute the force of MuJoCo actuators from muscles; the control is the gauge pressure [Pa].
+    """Drive MuJoCo actuators with the forces of muscles; the control is the gauge pressure [Pa].
 
-    The length of a muscle is the actuator's, that of its tendon. With `dyntype="filter"`, the pressure is
-    the actuator's state. MuJoCo has one such callback per process: a later call replaces it, and
-    `uninstall` removes it. Actuators of other models have no force.
+    The length of a muscle is the actuator length, that of its tendon. With `dyntype="filter"`, the
+    actuator state is the pressure. MuJoCo has one such callback per process: a later call replaces it,
+    and `uninstall` removes it. Actuators in other models then exert no force.
 
     Args:
         model: `mujoco.MjModel` with an actuator of `gainprm="0" biastype="user"` for each muscle.
         pulls: muscle by actuator name, any object with `force(length, pressure)`. For a `CompiledPlant`,
-            the actuator needs `dyntype="user"` and an `actdim` of its state's size. Its control is the
-            signal of valve or pump, 0 to 1; a negative control opens the dump valve.
+            the actuator needs `dyntype="user"` and an `actdim` equal to the size of the plant's state. The
+            control is the valve or pump signal, 0 to 1; a negative control opens the dump valve.
         offsets: length of a muscle minus that of its tendon [m], by actuator name; 0 by default. A tendon
             of type `fixed` has zero length at zero joint angle.
     """
@@ -139,8 +139,8 @@ def install(
         if control and number in numbers:  # first nonzero control
             name = numbers.pop(number)
             if control < 1000:
-                warnings.warn(f"the control of {name} is {control:g} Pa: is it in Pa, above the "
-                              "atmosphere? 1 bar is 1e5 Pa", stacklevel=2)  # fmt: skip
+                warnings.warn(f"the control of {name} is {control:g} Pa: it must be a gauge pressure "
+                              "in Pa (1 bar = 1e5 Pa)", stacklevel=2)  # fmt: skip
         return -wanted[number].force(length, control if state < 0 else float(data.act[state]))
 
     def placed(data: Any, number: int, length: float) -> CompiledPlant:
@@ -206,7 +206,7 @@ def mjx_step(
     model: "mjx.Model", data: "mjx.Data", muscles: Mapping[int, tuple[AbstractMuscle, Real]],
     offsets: Mapping[int, Real] | None = None,
 ) -> "mjx.Data":  # fmt: skip
-    """Advance MJX by one step with muscles, with forces from the tendon lengths at its start.
+    """Advance MJX by one step; the muscle forces follow from the tendon lengths at its start.
 
     Can be jitted, scanned, vmapped, and differentiated with respect to every parameter of the muscles.
     MJX has no user actuators: use a motor with gain 1 on the tendon, without limits.
@@ -234,7 +234,7 @@ def mjx_step(
         fixed = model.wrap_type[model.tendon_adr[which]] == mujoco.mjtWrap.mjWRAP_JOINT
         if fixed and number not in (offsets or {}):
             raise ValueError(
-                f"the tendon of actuator {number} is fixed, so its length is 0 at zero joint angle: give "
+                f"the tendon of actuator {number} is fixed, so its length is 0 at zero joint angle: pass "
                 f"the length of the muscle there as an offset, offsets={{{number}: 0.27}}"
             )
         length = placed.ten_length[which] + (offsets or {}).get(number, 0.0)
@@ -250,7 +250,7 @@ def mjx_step(
 def mujoco_files(subject: Subject) -> dict[str, bytes]:
     """Write `NAME.xml` with user actuators, and `NAME_mujoco.py`, which needs only MuJoCo.
 
-    With a plant, the actuator's state is the plant's, and the module contains `CompiledPlant`.
+    With a plant, the actuator state is the plant's state, and the module contains `CompiledPlant`.
     """
     name, rest = subject.identifier, _at_rest(subject)
     actuator, key = 'gainprm="0" biastype="user" ctrllimited="true" ', f'ctrl="{rest.pressure}"'
@@ -268,7 +268,7 @@ def mujoco_files(subject: Subject) -> dict[str, bytes]:
 
 
 def table_words(subject: Subject) -> dict[str, str]:
-    """Return the substitutions in a Python module with a table."""
+    """Return the substitutions for a Python module with a table."""
     return {
         "HEADING": docstring(subject.about_table),
         "PLAIN": Path(plain.__file__).read_text(encoding="utf-8"),
@@ -277,17 +277,17 @@ def table_words(subject: Subject) -> dict[str, str]:
 
 
 _WRITTEN = (CompiledPull, CompiledPlant, _check_actuators, install, _set_callbacks, uninstall)
-"""Code copied into the written module."""
+"""Code copied into the exported module."""
 
 
 def mjx_files(subject: Subject) -> dict[str, bytes]:
-    """Write `NAME_mjx.xml` with a motor, the card, and `NAME_mjx.py` with the step; needs famjax.
+    """Write `NAME_mjx.xml` with a motor, the card, and `NAME_mjx.py`, a step that needs famjax.
 
     Raises:
         InputError: the muscle has no card.
     """
     if subject.card is None:
-        raise InputError("an MJX model needs a card: call famjax.export.mjx_step with your muscle")
+        raise InputError("an MJX model needs a card: without one, use famjax.export.mjx_step")
     name, rest, text = (
         subject.identifier,
         _at_rest(subject),
@@ -304,7 +304,7 @@ def mjx_files(subject: Subject) -> dict[str, bytes]:
 
 
 class _Rest(NamedTuple):
-    """Half the blocked force as load [N], a pressure [Pa], and the length [m] at which it hangs."""
+    """A load of half the blocked force [N], a pressure [Pa], and the length [m] at which the load hangs."""
 
     load: float
     pressure: float
@@ -318,7 +318,7 @@ def _at_rest(subject: Subject) -> _Rest:
 
 
 def _hanging_load(subject: Subject, rest: _Rest, actuator: str, key: str) -> bytes:
-    """Build a model of a load with attributes of the actuator and of the keyframe at rest."""
+    """Build a model of a hanging load, with attributes of the actuator and of the keyframe at rest."""
     stiffness = subject.pull.stiffness(rest.length, rest.pressure)
     return filled("hanging_load.xml", {
         "MODEL": quoteattr(subject.name), "name": subject.identifier,
@@ -330,5 +330,5 @@ def _hanging_load(subject: Subject, rest: _Rest, actuator: str, key: str) -> byt
 
 
 def docstring(lines: Iterable[str]) -> str:
-    """Join lines for a Python docstring and escape what would end it."""
+    """Join lines for a Python docstring, and replace characters that would end it."""
     return "\n".join(lines).replace("\\", "/").replace('"', "'")

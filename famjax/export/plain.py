@@ -1,4 +1,4 @@
-"""The force of a muscle from a table, in plain Python floats; only this file is needed.
+"""Compute the force of a muscle from a table, in plain Python floats; only this file is needed.
 
 Exported modules contain this file's text. The C source and the MATLAB functions use the same formulas.
 """
@@ -20,8 +20,9 @@ class TabulatedPull:
         F = taut(G)
 
     Inside the table, F is the bicubic Hermite interpolant of force, slopes and mixed slope: C1, and
-    exact at the nodes. y is a line that may bend towards a limit, S are stops, and taut clips at zero
-    with a narrow blend: see `famjax.continuation.SafeMuscle`. SI units, gauge pressure, scalars.
+    exact at the nodes. y is a line that may bend towards a limit, S is the force of stops, and taut
+    clips at zero with a narrow blend: see `famjax.continuation.SafeMuscle`. SI units, gauge pressure,
+    scalars.
     """
 
     def __init__(self, table: Mapping[str, Any]) -> None:
@@ -66,9 +67,9 @@ class TabulatedPull:
         return _taut(force, self.slack_width)[1] * area
 
     def pressure(self, length: float, force: float) -> float:
-        """Lowest gauge pressure [Pa], from 0 to the limit, at which the muscle has a force [N].
+        """Lowest gauge pressure [Pa], from 0 to the limit, at which the muscle exerts a force [N].
 
-        0 if the force is larger without pressure; the limit, twice the highest pressure of the table, if
+        0 if the force at zero pressure is larger; the limit, twice the highest pressure in the table, if
         the force is never reached. For a force <= 0, the highest pressure at which the muscle is slack.
         """
         if isnan(force + length):
@@ -122,7 +123,7 @@ class TabulatedPull:
 
 
 def _cell(nodes: Sequence[float], value: float) -> tuple[int, float, float]:
-    """Index and width of the cell that contains a value, and the position in it from 0 to 1."""
+    """Index and width of the cell that contains a value, and the value's position in it, 0 to 1."""
     k = min(bisect_right(nodes, value, 1, len(nodes) - 1) - 1, len(nodes) - 2)
     width = nodes[k + 1] - nodes[k]
     return k, width, (value - nodes[k]) / width
@@ -139,7 +140,7 @@ def _cubic(
 
 
 def _bent(step: float, ends: Sequence[float]) -> tuple[float, float]:
-    """A step that bends towards a limit, and its slope; the limits are 1/X below and above."""
+    """A step that bends towards a limit, and its slope; `ends` are 1/limit below and above."""
     inverse = ends[0] if step < 0 else ends[1]
     way = inverse * abs(step)
     if not way > _STRAIGHT:
@@ -150,7 +151,7 @@ def _bent(step: float, ends: Sequence[float]) -> tuple[float, float]:
 
 
 def _taut(force: float, width: float) -> tuple[float, float]:
-    """The force clipped at zero, with a cubic blend up to a width, and its slope."""
+    """The force clipped at zero, with a cubic blend up to a width; and its slope."""
     if force <= 0:
         return 0.0, 0.0
     if force < width:

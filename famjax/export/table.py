@@ -1,4 +1,4 @@
-"""Muscles for export, their tables for small targets, and the errors of the tables."""
+"""Muscles for export, their tables for small targets, and the errors of these tables."""
 
 import dataclasses
 import functools
@@ -113,7 +113,7 @@ class Subject:
         lines = [
             f"{self.name}, exported by famjax {__version__} with jax {jax.__version__}",
             *self.origin,
-            f"the model's own from {L[0]:.6g} to {L[1]:.6g} m and {P[0]:.6g} to {P[1]:.6g} Pa, "
+            f"same as the model from {L[0]:.6g} to {L[1]:.6g} m and {P[0]:.6g} to {P[1]:.6g} Pa, "
             "continued beyond",
         ]
         if self.plant is None and self.muscle.hysteresis is not None:
@@ -134,19 +134,19 @@ class Subject:
             f"largest difference from the model at {_STATES} random states, relative to the "
             f"largest force, {off.largest_force:.6g} N:",
             f"  {off.force:.1e} in that region, {off.force_beyond:.1e} up to twice its lengths and "
-            "pressures; rounding in the target adds to these",
+            "pressures; rounding in the target program adds to these",
         ]
 
 
 def read_subject(
     source: str | Path, *, length: float | None = None, origin: Origin | None = None, own: Own = ()
 ) -> Subject:
-    """Read the muscle from a card's file, or a bundled one by name.
+    """Read the muscle from a card file, or a bundled muscle by name.
 
     Args:
         source: file written by `famjax card`, or the name of a bundled muscle.
         length: rest length [m] to cut the muscle to; unchanged by default.
-        origin: origin of the files to write.
+        origin: date and command to record in the files.
         own: trusted modules and classes, as in `famjax.cards.read_card`.
 
     Raises:
@@ -159,7 +159,7 @@ def read_subject(
 
 def made_of(name: str, content: bytes, origin: Origin | None = None) -> tuple[str, ...]:
     """Describe the source file of a muscle and the command that exports it."""
-    lines = [f"of {name}, sha256 {hashlib.sha256(content).hexdigest()}"]
+    lines = [f"from {name}, sha256 {hashlib.sha256(content).hexdigest()}"]
     return tuple(lines if origin is None else [*lines, f"by `{origin.command}` on {origin.date}"])
 
 
@@ -167,10 +167,10 @@ def made_of(name: str, content: bytes, origin: Origin | None = None) -> tuple[st
 
 
 def tabulated(muscle: SafeMuscle) -> dict[str, Any]:
-    """Tabulate the static map of a safe muscle for `TabulatedPull`: plain lists, SI.
+    """Tabulate the static map of a safe muscle for `TabulatedPull`, as plain lists in SI.
 
     A cell is halved until the cubic between its ends is accurate to `CLOSE` of the largest force,
-    everywhere along the other axis. A model that is affine in the pressure needs two pressures.
+    everywhere along the other axis. A model that is affine in the pressure needs only two pressures.
 
     Args:
         muscle: safe muscle; its hysteresis is omitted.
@@ -217,13 +217,13 @@ def _nodes(muscle: Any, of: str, region: Region) -> tuple[dict[str, Numbers], Nu
             if len(nodes[name]) > _MOST[name]:
                 raise InputError(
                     f"the model is not smooth enough for a table: an accuracy of {CLOSE:g} of the largest "
-                    f"force needs more than {_MOST[name]} {name}s; export the model itself, --to jax or "
-                    "--to mjx"
+                    f"force needs more than {_MOST[name]} {name}s; export the model itself with "
+                    "--to jax or --to mjx"
                 )
 
 
 def check_float64() -> None:
-    """Refuse to export in float32.
+    """Check that JAX uses float64, as export needs.
 
     Raises:
         InputError: JAX uses float32.
@@ -253,14 +253,14 @@ def _cubic_errors(muscle: Any, of: str, nodes: dict[str, Numbers], name: str) ->
     cubic = force[:-1, None] + u * (p + u * (3 * rise - 2 * p - q + u * (p + q - 2 * rise)))
     off = np.abs(cubic - between.reshape(cubic.shape)).max(axis=(1, 2))
     if not np.isfinite(off).all():
-        raise InputError("the force is not finite in the whole region: it cannot be exported")
+        raise InputError("the force is not finite in the whole region, so it cannot be exported")
     return off
 
 
 def _slopes(muscle: Any, of: str, length: Numbers, pressure: Numbers) -> Numbers:
-    """Return a method's values, both slopes and mixed slope at states of one shape, shape (4, ...).
+    """Return a method's values, both slopes and the mixed slope at states of one shape, shape (4, ...).
 
-    Chunks of equal size need one program.
+    Chunks of equal size need only one compiled program.
     """
     L, P = np.ravel(length), np.ravel(pressure)
     spare = -len(L) % _AT_ONCE

@@ -1,4 +1,4 @@
-"""Export targets: C, MATLAB, Python, tables and StableHLO, and those of `mujoco.py`."""
+"""Export targets: C, MATLAB, Python, tables and StableHLO, and those in `mujoco.py`."""
 
 import dataclasses
 import functools
@@ -29,7 +29,7 @@ _BEYOND = 0.5  # extension of the grid, as a fraction of the distance from the d
 
 
 def c_files(subject: Subject) -> Files:
-    """Write header and source without allocation or libraries; double precision by default."""
+    """Write a header and a source without allocation or libraries; double precision by default."""
     name, words = subject.identifier, _words(subject, " *", "R({})")
     files = {f"{name}.{of}": filled(f"force.{of}", words) for of in ("h", "c")}
     if subject.plant is None:
@@ -40,7 +40,7 @@ def c_files(subject: Subject) -> Files:
 
 
 def fmu_files(subject: Subject) -> Files:
-    """Write `NAME.fmu`, FMI 2.0 for model exchange and co-simulation: sources, and a binary if gcc exists.
+    """Write `NAME.fmu`, FMI 2.0 for model exchange and co-simulation: sources, and a binary with gcc.
 
     Without a plant, the circuit is a `PneumaticCircuit`.
     """
@@ -54,8 +54,8 @@ def fmu_files(subject: Subject) -> Files:
 def matlab_files(subject: Subject) -> Files:
     """Write `NAME_force.m` and `NAME_pressure.m`, with the equations if there is a closed form.
 
-    Otherwise they call `NAME_model_force.m`, which contains a table. They need no toolbox and work in
-    Simulink's MATLAB Function block.
+    Otherwise the functions call `NAME_model_force.m`, which contains a table. They need no toolbox and
+    work in Simulink's MATLAB Function block.
     """
     name, closed = subject.identifier, _closed(subject, "%   ", matlab_lines)
     if closed is not None:
@@ -76,7 +76,7 @@ def python_files(subject: Subject) -> Files:
 def _closed(
     subject: Subject, comment: str, printed: Callable[[ClosedForm], tuple[str, str]]
 ) -> dict[str, Any] | None:
-    """Return the substitutions in the templates of a closed form; None if the muscle has none."""
+    """Return the substitutions for the closed-form templates; None if the muscle has no closed form."""
     check_float64()
     inside, muscle = subject.muscle.continued, subject.muscle
     form = closed_form(inside.muscle)
@@ -116,7 +116,7 @@ def csv_files(subject: Subject) -> Files:
 
 
 def mat_files(subject: Subject) -> Files:
-    """Write axes and tables of the CSV file under the same names, for a 2-D Lookup Table block."""
+    """Write the axes and tables of the CSV file, with the same names, for a 2-D Lookup Table block."""
     from scipy.io import savemat  # noqa: PLC0415 -- slow to import
 
     grid, about = _grid(subject)
@@ -128,7 +128,7 @@ def mat_files(subject: Subject) -> Files:
 def jax_files(subject: Subject) -> Files:
     """Write StableHLO for any number of states on CPU and CUDA, and `NAME_jax.py`, which loads it.
 
-    `NAME.stablehlo` is the force, `NAME_model.stablehlo` the model force without clipping.
+    `NAME.stablehlo` is the force, and `NAME_model.stablehlo` is the model force without clipping.
 
     Raises:
         InputError: the package flatbuffers is missing, or JAX uses float32.
@@ -152,11 +152,11 @@ TARGETS: dict[str, Callable[[Subject], Files]] = {
     "c": c_files, "fmu": fmu_files, "csv": csv_files, "mat": mat_files, "matlab": matlab_files,
     "python": python_files, "mujoco": mujoco_files, "mjx": mjx_files, "jax": jax_files,
 }  # fmt: skip
-"""Functions that create the files, by the name for `famjax export --to`."""
+"""Functions that create the files, by the name given to `famjax export --to`."""
 
 
 def export(subject: Subject, to: Sequence[str], folder: str | Path) -> list[Path]:
-    """Export a muscle to several targets; all files are written or none.
+    """Export a muscle to several targets; all files are written, or none.
 
     Args:
         subject: the muscle, see `read_subject` and `Subject.of_card`.
@@ -172,7 +172,7 @@ def export(subject: Subject, to: Sequence[str], folder: str | Path) -> list[Path
     unknown = [name for name in to if name not in TARGETS]
     if unknown or not to:
         raise InputError(
-            f"targets must be of {', '.join(TARGETS)}; got {', '.join(unknown) or 'none'}"
+            f"targets must be one or more of {', '.join(TARGETS)}; got {', '.join(unknown) or 'none'}"
         )
     check_output(Path(folder))
     files: Files = {}
@@ -199,7 +199,7 @@ def _grid(subject: Subject) -> tuple[dict[str, np.ndarray], list[str]]:
         *subject.about_table,
         f"errors of bilinear interpolation are below {off.max():.1e} of the largest force",
         "model_force_N is the model force without clipping: negative where the muscle is slack",
-        "nothing stops the muscle outside the grid: use the exported C or MATLAB functions there",
+        "the grid does not include the stops: use the exported C or MATLAB functions beyond it",
     ]
     grid = {
         "length_m": L, "pressure_Pa": P, "force_N": force,
@@ -210,11 +210,11 @@ def _grid(subject: Subject) -> tuple[dict[str, np.ndarray], list[str]]:
 
 
 def _words(subject: Subject, comment: str, number: str, *, end: str = "") -> dict[str, Any]:
-    """Return the substitutions shared by all templates of a table.
+    """Return the substitutions shared by all table templates.
 
     Args:
         subject: the muscle.
-        comment: prefix of each heading line.
+        comment: prefix for each heading line.
         number: format of a number, such as `R({})`.
         end: continuation after each line of numbers but the last.
     """

@@ -1,4 +1,4 @@
-"""Muscles that come with famjax, ready to use: no data, no fit."""
+"""Muscles bundled with famjax, ready to use without data or a fit."""
 
 import lazy_loader
 

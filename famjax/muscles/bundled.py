@@ -9,7 +9,7 @@ from ..cards import MuscleCard, read_card
 from ..continuation import SafeMuscle
 
 NAMES = ("DMSP-10", "DMSP-20")
-"""Muscles with a bundled card."""
+"""Names of the muscles with a bundled card."""
 
 _MAPS = ("DMSP-10-250", "DMSP-20-300")
 """Names of the force maps in `fitting`, in the same order."""
@@ -74,11 +74,11 @@ def _bundled_file(name: str) -> Traversable:
 
 
 def dmsp_10(length: float | None = None) -> SafeMuscle:
-    """A Festo DMSP-10 cut to a length, safe at any state.
+    """Return a Festo DMSP-10 cut to a length, safe to use at any state.
 
-    The model was selected by its held-out error and fitted to 85 readings of a 250 mm muscle, up to
-    650 kPa and 21 % contraction; the RMSE is 1.2 N of 542 N. `famjax.SafeMuscle` describes its
-    continuation beyond the data. Enable float64 in JAX for full precision.
+    The model was selected by its held-out error and fitted to 85 readings from a 250 mm muscle, up to
+    650 kPa and 21 % contraction; the RMSE is 1.2 N and the largest force 542 N. `famjax.SafeMuscle`
+    describes the continuation beyond the data. Enable float64 in JAX for full precision.
 
     Args:
         length: rest length [m] of the rubber between the fittings. If omitted, the length of the
@@ -89,19 +89,19 @@ def dmsp_10(length: float | None = None) -> SafeMuscle:
         The muscle, with `force(length, pressure)` in m, Pa (gauge) and N.
 
     Raises:
-        InputError: no such length.
+        InputError: the muscle cannot have this length.
 
     References:
-        Martens & Boblan 2017, Actuators 6(4), table A2, the readings.
+        Martens & Boblan 2017, Actuators 6(4), table A2 (readings).
     """
     return _cut("DMSP-10", length)
 
 
 def dmsp_20(length: float | None = None) -> SafeMuscle:
-    """A Festo DMSP-20 cut to a length, safe at any state.
+    """Return a Festo DMSP-20 cut to a length, safe to use at any state.
 
-    See `dmsp_10`. Fitted to 126 readings of a 296 mm muscle, up to 675 kPa and 25 % contraction; the
-    RMSE is 3.2 N of 1654 N.
+    See `dmsp_10`. The model was fitted to 126 readings from a 296 mm muscle, up to 675 kPa and 25 %
+    contraction; the RMSE is 3.2 N and the largest force 1654 N.
 
     Args:
         length: rest length [m] of the rubber between the fittings; 296 mm if omitted.
@@ -110,10 +110,10 @@ def dmsp_20(length: float | None = None) -> SafeMuscle:
         The muscle.
 
     Raises:
-        InputError: no such length.
+        InputError: the muscle cannot have this length.
 
     References:
-        Martens & Boblan 2017, Actuators 6(4), table A1, the readings.
+        Martens & Boblan 2017, Actuators 6(4), table A1 (readings).
 
     >>> muscle = dmsp_20(length=0.3)
     >>> print(f"{muscle.blocked_force(5e5):.0f} N, {100 * muscle.free_contraction(5e5):.0f} %")

@@ -1,8 +1,8 @@
-"""Published static force models in SI, to evaluate, differentiate and compare with.
+"""Published static force models in SI units, for evaluation, differentiation and comparison.
 
-Each is a `PeerModel`, or a `famjax.Muscle` where it is one, with `force(length, pressure)`. Every
-docstring says whether its form was read or is general knowledge. Braid angles are measured from
-the circumference, contraction is a fraction, pressure is gauge.
+Each has `force(length, pressure)` and is a `PeerModel`, or a `famjax.Muscle` where its form allows.
+Each docstring states whether the formula was read in a publication or is general knowledge. Braid
+angles are measured from the circumference, contraction is a fraction, and pressure is gauge.
 """
 
 import lazy_loader

@@ -1,10 +1,11 @@
-"""Published force balance models: the braid with corrections and walls.
+"""Published force-balance models: a braid with corrections and a wall.
 
-Published models that are a `famjax.Muscle` need no class here: Ferraresi 2001 is a `PolynomialMaterial` of
-one coefficient, Klute & Hannaford 2000 a `MooneyRivlinMaterial`, Robinson 2015 a `PlainPowerMaterial`.
+Published models that are a `famjax.Muscle` need no class here: Ferraresi 2001 uses a `PolynomialMaterial`
+with one coefficient, Klute & Hannaford 2000 a `MooneyRivlinMaterial`, and Robinson 2015 a
+`PressurePolynomialMaterial`.
 
-A new model has its parameters as fields and a method `formula(L, P)`. It overrides `length_range()` if
-it is not valid from 0.5 to 1.1 times the rest length.
+To add a model, declare its parameters as fields and write a method `formula(L, P)`. Override
+`length_range()` if the model is not valid from 0.5 to 1.1 times the rest length.
 """
 
 import abc
@@ -32,22 +33,22 @@ _ANY_PRESSURE = 1e5  # Pa, a pressure at which every model is finite
 
 
 class PeerModel(AbstractMuscle):
-    """A static force model of a fluidic artificial muscle with a formula for its pull.
+    """A static force model of a fluidic artificial muscle, defined by a formula for its force.
 
-    The fields are its parameters in SI. As in `famjax.Muscle` the force is not clipped; where it is
-    negative, a real muscle is slack.
+    The fields are the model's parameters in SI units. As in `famjax.Muscle`, the force is not clipped;
+    where it is negative, a real muscle is slack.
     """
 
     @abc.abstractmethod
     def formula(self, L: RealArray, P: RealArray) -> RealArray:
-        """Pull F [N] at lengths L [m] > 0 and gauge pressures P [Pa] with the same shape."""
+        """Return the force F [N] at lengths L [m] > 0 and gauge pressures P [Pa] with the same shape."""
 
     def force(self, length: Real, pressure: Real) -> RealArray:
-        """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape.
+        """Return the static force F [N] at length L [m] and gauge pressure P [Pa], broadcast shape.
 
-        Nan where length or pressure is not finite, or the length is not positive. The formula receives
-        placeholders at these states, because nan would contaminate the derivatives of a whole batch in
-        reverse mode.
+        The force is nan where length or pressure is not finite, or the length is not positive. At these
+        states the formula receives placeholders, because nan would contaminate the derivatives of a whole
+        batch in reverse mode.
         """
         L, P = jnp.broadcast_arrays(as_real(length), as_real(pressure))
         holds = (L > 0) & jnp.isfinite(L) & jnp.isfinite(P)
@@ -56,23 +57,23 @@ class PeerModel(AbstractMuscle):
         return jnp.where(holds, found, jnp.nan)
 
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """Lengths [m] from 0.5 to 1.1 times the rest length, wider than the range of any muscle."""
+        """Return 0.5 and 1.1 times the rest length [m], a wider range than that of any muscle."""
         return 0.5 * self.rest_length, 1.1 * self.rest_length
 
 
 def braid_range(braid: AbstractBraid) -> tuple[RealArray, RealArray]:
-    """Lengths [m] from just below the neutral angle to the unloaded threads' length."""
+    """Return lengths [m] from just below the neutral angle to the unloaded thread length."""
     thread = braid.rest_thread_length
     return 0.95 * math.sin(NEUTRAL_ANGLE) * thread, thread
 
 
 class Gaylord(PeerModel):
-    """The pull of a pressurised braid; the bladder is neglected except for a deadband and an offset.
+    """The force of a pressurised braid; the bladder is neglected except for a deadband and an offset.
 
     F = (P - P_d) (3 L^2 - B^2) / (4 pi N^2) + F_0
 
-    This equals virtual work, -(P - P_d) dV/dL + F_0, and the model of Chou and Hannaford without a wall.
-    With a `CompliantBraid` it is the model of Davis for elastic threads.
+    This equals virtual work, -(P - P_d) dV/dL + F_0, and Chou and Hannaford's model without a wall.
+    With a `CompliantBraid` it is Davis's model for elastic threads.
 
     Attributes:
         braid: braid around the bladder.
@@ -82,7 +83,7 @@ class Gaylord(PeerModel):
 
     References:
         Gaylord 1958; Chou & Hannaford 1996; Davis, Tsagarakis, Canderle & Caldwell 2003. General
-        knowledge, not read again: Davis takes the tension of a strand from terms of its own.
+        knowledge, not checked against the publications; Davis uses separate terms for the strand tension.
 
     >>> model = Gaylord(Braid.from_rest(diameter=0.02, braid_angle=1.1, length=0.3))
     >>> print(f"{model.force(0.3, 6e5):.0f}")
@@ -108,7 +109,7 @@ class Gaylord(PeerModel):
         return self.resting_length
 
     def formula(self, L: RealArray, P: RealArray) -> RealArray:
-        """Pull F [N] at L [m] and P [Pa]."""
+        """Return the force F [N] at L [m] and P [Pa]."""
         acting = P - self.deadband_pressure
         L, B, reached = self.braid.reach(L, acting)
         radius = diameter_from_length(L, B, self.braid.turns) / 2
@@ -116,7 +117,7 @@ class Gaylord(PeerModel):
         return jnp.where(reached, pull, jnp.nan)
 
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """Lengths [m] from just below the neutral angle to the unloaded threads' length."""
+        """Return lengths [m] from just below the neutral angle to the unloaded thread length."""
         return braid_range(self.braid)
 
 
@@ -125,17 +126,17 @@ class TonduLopez(PeerModel):
 
     F = (P - P_d) pi R0^2 (a (1 - k eps)^2 - b), k = a_k exp(-P / bar) + b_k
 
-    with a = 3 tan(theta)^2 and b = 1 / cos(theta)^2 of the braid angle at rest.
+    with a = 3 tan(theta)^2 and b = 1 / cos(theta)^2 at the rest braid angle.
 
     Attributes:
         braid: threads of constant length.
         rest_length: L0 [m], reference of the contraction eps.
         k_far: b_k [-], the value of k at high pressure.
-        k_rise: a_k [-], increase of k at zero pressure.
+        k_rise: a_k [-], increase in k at zero pressure.
         deadband_pressure: P_d [Pa], zero in the original.
 
     References:
-        Tondu & Lopez 2000. General knowledge, not read again.
+        Tondu & Lopez 2000. General knowledge, not checked against the publication.
     """
 
     braid: Braid
@@ -145,7 +146,7 @@ class TonduLopez(PeerModel):
     deadband_pressure: Float[Given, "..."] = parameter("Pa", default=0.0)
 
     def formula(self, L: RealArray, P: RealArray) -> RealArray:
-        """Pull F [N] at L [m] and P [Pa]."""
+        """Return the force F [N] at L [m] and P [Pa]."""
         k = self.k_rise * jnp.exp(-P / BAR) + self.k_far
         shortened = tondu_lopez_length(L, self.rest_length, k)
         return Gaylord(self.braid, self.deadband_pressure).force(shortened, P)
@@ -161,21 +162,21 @@ class Kothera(PeerModel):
         muscle: cylindrical muscle, linear elastic in the original.
 
     References:
-        Kothera, Jangid, Sirohi & Wereley 2009. The length is theirs from general knowledge; the
-        rest of their algebra for the ends was not read again.
+        Kothera, Jangid, Sirohi & Wereley 2009. Their length formula is general knowledge; the rest of
+        their algebra for the ends was not checked against the publication.
     """
 
     muscle: Muscle
 
     def formula(self, L: RealArray, P: RealArray) -> RealArray:
-        """Pull F [N] at L [m] and P [Pa]."""
+        """Return the force F [N] at L [m] and P [Pa]."""
         geometry = self.muscle.geometry
         radius = geometry.dimensions(L, P).radius
         rest_radius = geometry.dimensions(geometry.rest_length, 0.0).radius
         return self.muscle.force(kothera_length(L, radius, rest_radius), P)
 
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """Length range [m] of the cylindrical muscle, shorter than the range of this model."""
+        """Return the cylindrical muscle's length range [m], which is shorter than this model's range."""
         return self.muscle.length_range()
 
     @property
@@ -194,7 +195,7 @@ _PUBLISHED = {
 
 
 class Martens(PeerModel):
-    """Virtual work of the pressure plus a linear elastic wall with a modulus cubic in length.
+    """Virtual work of the pressure, plus a linear elastic wall whose modulus is cubic in length.
 
     F = -P dV/dL + E (D - D0)/D0 H0 pi L dD/dL - E (L - L0)/L0 H0 pi D,
     E = c0 + c1 L + c2 L^2 + c3 L^3
@@ -247,7 +248,7 @@ class Martens(PeerModel):
         return cls(braid, rest_length, bore, _WALL, [MEGAPASCAL * c for c in coefficients])
 
     def formula(self, L: RealArray, P: RealArray) -> RealArray:
-        """Pull F [N] at L [m] and P [Pa]."""
+        """Return the force F [N] at L [m] and P [Pa]."""
         L, _, reached = self.braid.reach(L, P)
         L0, D0 = self.rest_length, self.rest_diameter
         D = self.braid.diameter(L)
@@ -260,5 +261,5 @@ class Martens(PeerModel):
         return jnp.where(reached, pull, jnp.nan)
 
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """From just below the neutral angle to the length of the threads."""
+        """Return lengths [m] from just below the neutral angle to the thread length."""
         return braid_range(self.braid)

@@ -9,7 +9,7 @@ from .balance import PeerModel
 
 
 class Hildebrandt(PeerModel):
-    """Pressure times a parabola of the contraction, plus a cubic and a fractional power; no physics.
+    """Pressure times a parabola in contraction, plus a cubic and a fractional power; purely empirical.
 
     F = P (a0 + a1 eps + a2 eps^2) + b0 + b1 eps + b2 eps^2 + b3 eps^3 + b4 |eps|^(2/3)
 
@@ -21,7 +21,8 @@ class Hildebrandt(PeerModel):
         force_coefficients: b0 to b4 [N], shape (5,).
 
     References:
-        Hildebrandt, Sawodny, Neumann & Hartmann 2002. General knowledge, not read again.
+        Hildebrandt, Sawodny, Neumann & Hartmann 2002. General knowledge, not checked against the
+        publication.
     """
 
     rest_length: Float[Given, "..."] = parameter("m", low=0.0)  # pyright: ignore
@@ -33,7 +34,7 @@ class Hildebrandt(PeerModel):
     )
 
     def formula(self, L: RealArray, P: RealArray) -> RealArray:
-        """Pull F [N] at L [m] and P [Pa]."""
+        """Return the force F [N] at L [m] and P [Pa]."""
         eps = 1 - L / self.rest_length
         area = jnp.polyval(self.pressure_coefficients[::-1], eps)
         restoring = jnp.polyval(self.force_coefficients[3::-1], eps)
@@ -42,22 +43,22 @@ class Hildebrandt(PeerModel):
 
 
 class Sarosi(PeerModel):
-    """An exponential softening over contraction plus terms linear in pressure; no physics.
+    """An exponential softening with contraction, plus terms linear in pressure; purely empirical.
 
     F = (a1 P + a2) exp(a3 eps) + a4 P eps + a5 P + a6
 
     The five-parameter form has a1 = 1 N/bar, (p + a) exp(b k) + c p k + d p + e in bar and per
-    cent; the four-parameter form a1 = 0 and a6 = -a2, so that the wall does not act at rest.
+    cent; the four-parameter form has a1 = 0 and a6 = -a2, so that the wall does not act at rest.
 
     Attributes:
         rest_length: L0 [m], reference of the contraction eps.
-        a1, a4, a5: [m2], force per pressure.
+        a1, a4, a5: [m2], force per unit pressure.
         a2, a6: [N].
         a3: [-], negative.
 
     References:
         Sarosi 2012; Sarosi et al. 2017. Form and constants as transcribed in the published code
-        and in the article of Bolen, Elzein, Pang & Hunt 2026; the shorter forms are general
+        and in the article by Bolen, Elzein, Pang & Hunt 2026; the shorter forms are general
         knowledge.
     """
 
@@ -70,7 +71,7 @@ class Sarosi(PeerModel):
     a6: Float[Given, "..."] = parameter("N", linear=True)
 
     def formula(self, L: RealArray, P: RealArray) -> RealArray:
-        """Pull F [N] at L [m] and P [Pa]."""
+        """Return the force F [N] at L [m] and P [Pa]."""
         eps = 1 - L / self.rest_length
         softening = (self.a1 * P + self.a2) * jnp.exp(self.a3 * eps)
         return softening + self.a4 * P * eps + self.a5 * P + self.a6

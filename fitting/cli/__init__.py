@@ -1,1 +1,1 @@
-"""The commands of force maps and fitted muscles, each with its options."""
+"""The commands for force maps and fitted muscles, each with its options."""

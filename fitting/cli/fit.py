@@ -27,13 +27,13 @@ if TYPE_CHECKING:
 
 _DATA, _MODEL, _KNOWN, _OUTPUT = (
     Parameter(group=Group(name, sort_key=k))
-    for k, name in enumerate(("Data", "Model", "What you know", "Output"), start=1)
+    for k, name in enumerate(("Data", "Model", "Prior knowledge", "Output"), start=1)
 )
 Constraint = Literal["none", "positive", "slope", "drucker"]
 Objective = Literal["sum_of_squares", "mean_rmse", "huber", "censored"]
 Ends = Literal["cylinder", "equilibrium"]
 _STANDARD_INPUT = "<stdin>"
-"""Replacement for `-` on the command line."""
+"""Text that replaces `-` on the command line."""
 
 
 def load_fitting() -> ModuleType:
@@ -80,42 +80,43 @@ class Asked:
     law
         Name the bladder law. If omitted, several laws are tried and the best predictor is kept.
         Laws: polynomial, ogden (one term), mooney-rivlin, saturating, neo-hookean,
-        yeoh. `--law my_rubber:Gent` takes a class of your own from a file in the current folder.
+        yeoh. `--law my_rubber:Gent` uses your own class from a file in the current folder.
     order
         Set the order of the polynomial law, sigma = E_1 eps + E_2 eps|eps| + ...; default 3.
     constraint
         Restrict the law. positive: E_n >= 0; slope: the stress increases over the strain range; drucker:
         the law is stable along the actuation path.
     free
-        Identify another parameter, repeatable: end_factor or end_length (rounded ends), rest_length,
+        Also identify this parameter, repeatable: end_factor or end_length (rounded ends), rest_length,
         braid_compliance (stretching threads), series_compliance (elastic rig), series_exponent (its
         deflection follows a power of the force).
     geometry
-        Wrap the cylinder in a geometry of your own: `--geometry my_ends:ConicalEnds`. Its declared
+        Wrap the cylinder in your own geometry: `--geometry my_ends:ConicalEnds`. Its declared
         parameters are identified. The default law is then polynomial.
     term
-        Add a force term of your own, module:Class, repeatable. Its declared parameters are identified.
+        Add your own force term, module:Class, repeatable. Its declared parameters are identified.
     shape
-        Use the shape from photographs, the `measurements.nc` of `famjax measure`, instead of a
+        Use the shape from photographs, the `measurements.nc` written by `famjax measure`, instead of a
         cylinder. The turns of the threads are identified; `--bounds turns=1.09` fixes them. With
         `--ends equilibrium`, profiles and force are fitted together.
     ends
         Choose the model of the ends: cylinder, or equilibrium (the shape follows from mechanics). Without
         --law, equilibrium adds one more model to choose from; its fit has no certificate.
     objective
-        Choose the objective. sum_of_squares; mean_rmse: the mean over pressures of the RMSE, as in the
+        Choose the objective. sum_of_squares; mean_rmse: the RMSE averaged over pressures, as in the
         reference work; huber: reduces the weight of outliers; censored: least squares with slack readings
-        as upper bounds of the force and readings at the load cell's limit as lower bounds.
+        as upper bounds on the force and readings at the load cell's limit as lower bounds.
     bounds
-        Replace bounds, name_unit=min:max, repeatable: `--bounds braid_diameter_mm=20:23.6`. A single
-        value fixes the parameter: `--bounds deadband_pressure_kPa=40`.
+        Replace the bounds of a parameter, name_unit=min:max, repeatable:
+        `--bounds braid_diameter_mm=20:23.6`. A single value fixes the parameter:
+        `--bounds deadband_pressure_kPa=40`.
     prior
         State prior knowledge of a parameter, name_unit=mean+-std, repeatable:
         `--prior rest_length_mm=296+-0.5`.
 
     shared_error
         State a standard error, name_unit=value, repeatable. noise_N is the noise of a single force
-        reading, which priors are weighted against. All others are calibration errors shared by all
+        reading, used to weight the priors. All others are calibration errors shared by all
         readings: rest_length, wall_thickness, bladder_diameter, braid_thickness, pressure_zero, force_zero
         (with a unit); pressure_reading, force_reading, shortening (relative).
     """
@@ -135,7 +136,7 @@ class Asked:
 
     @property
     def chosen(self) -> bool:
-        """True if the law is chosen among several."""
+        """True if the law is chosen from several."""
         named = (self.law, self.order, self.geometry, self.shape)
         given = any(one is not None for one in named) or self.term
         return not given and self.objective != "censored"
@@ -180,7 +181,7 @@ def fit(
     units
         Choose the units of output and report: si, metric (mm, kPa, N, MPa) or us (in, psi, lbf).
     verbose
-        Print all tables and notes of the report.
+        Print all tables and notes from the report.
     json_
         Print the content of `fit.json` and nothing else.
     """
@@ -192,7 +193,7 @@ def fit(
     if len(data) != 1:
         raise fitting.InputError(
             f"famjax fit accepts one force map, got {len(data)}: {', '.join(data)}. For several "
-            "muscles use famjax series, for raw ramps of one muscle famjax ramps"
+            "muscles use famjax series; for raw ramps from one muscle use famjax ramps"
         )
     if asked.shape is not None:
         asked = dataclasses.replace(asked, shape=str(Path(asked.shape).absolute()))
@@ -222,7 +223,7 @@ def assess(
     Parameters
     ----------
     fit_json
-        Read this `fit.json` of `famjax fit`.
+        Read this `fit.json`, written by `famjax fit`.
     validate
         Cross-validate: leave out each pressure and each length in turn, and predict it. A chosen model is
         chosen again each time.
@@ -231,12 +232,12 @@ def assess(
     bootstrap
         Set the number of bootstrap replicates, for standard errors and prediction bands.
     posterior
-        Sample the posterior (NUTS) within bounds and priors. `--error noise_N` of the fit sets the
+        Sample the posterior (NUTS) within bounds and priors. The fit's `--error noise_N` sets the
         noise.
     hysteresis
-        Fit both branches of raw ramps, the `branches.csv` of `famjax ramps`, and cross-validate the result.
+        Fit and cross-validate both branches of raw ramps, from the `branches.csv` of `famjax ramps`.
     own
-        Trust a module with your own classes, repeatable: `--own my_rubber`. A file imports no other module.
+        Trust a module with your own classes, repeatable: `--own my_rubber`. Other modules are not imported.
     jobs
         Set the number of processes for --validate.
     output

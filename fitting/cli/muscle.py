@@ -1,4 +1,4 @@
-"""Commands of an identified muscle: `famjax predict`, `famjax card` and `famjax export`."""
+"""Commands for an identified muscle: `famjax predict`, `famjax card` and `famjax export`."""
 
 import dataclasses
 import itertools
@@ -38,13 +38,13 @@ Target = Literal["c", "fmu", "csv", "mat", "matlab", "python", "mujoco", "mjx", 
 
 
 def is_fit(muscle: str) -> bool:
-    """True for the file of a fit; any other file or name is a card's."""
+    """True for the file of a fit; any other file or name is taken as a card."""
     path = Path(muscle)
     return path.is_file() and b'"famjax-fit/' in path.read_bytes()[:99]
 
 
 def warn_unidentified(name: object, verdict: str | None, reasons: Sequence[str] | None) -> None:
-    """Warn on standard error if nothing was identified."""
+    """Print a warning to standard error if nothing was identified."""
     from famjax.cards import unidentified
 
     doubt = unidentified(str(name), verdict, reasons)
@@ -71,8 +71,8 @@ def predict(
     Parameters
     ----------
     muscle
-        Read this `fit.json` of `famjax fit` or `famjax series`, or this card; or the name of a bundled
-        muscle. A card has no error bands.
+        Read this `fit.json` from `famjax fit` or `famjax series`, this card, or the bundled muscle of this
+        name. A card has no error bands.
     length
         Predict at these active lengths, with units, repeatable or separated by commas:
         `--length 270mm,250mm`.
@@ -82,17 +82,17 @@ def predict(
         Find the pressure at which the muscle pulls with these forces, up to the highest measured
         pressure: `--force 200N`.
     onset
-        Find the pressure at which the force leaves zero at each length.
+        Find the pressure at which the force rises above zero at each length.
     rest_length
         Predict another muscle of the same series with this rest length: `--rest-length 200mm`. A fit of
-        one muscle gives a wide error band; `famjax series` also estimates how specimens differ.
+        one muscle has a wide error band; `famjax series` also estimates how specimens differ.
     history
         Predict the force, with hysteresis, along a history in a CSV file with columns such as
         `time_s,length_mm,pressure_kPa`. First run `famjax assess --hysteresis` on the fit.
     column
         Name the column of a quantity that is not recognised: `length="Weg [mm]"`, repeatable.
     own
-        Trust a module with your own classes, repeatable: `--own my_rubber`. A file imports no other module.
+        Trust a module with your own classes, repeatable: `--own my_rubber`. Other modules are not imported.
     units
         Choose the units of the tables: si, metric (mm, kPa, N) or us (in, psi, lbf).
     json_
@@ -116,7 +116,9 @@ def predict(
         warn_unidentified(muscle, saved.document.get("verdict"), saved.document.get("reasons"))
     if saved is None:
         _only(
-            given, ("--length", "--pressure", "--onset"), "a card cannot answer {}: give a fit.json"
+            given,
+            ("--length", "--pressure", "--onset"),
+            "a card does not support {}: use a fit.json",
         )
         rows, heading = _by_card(muscle, L, P, own, onset=onset)
     elif history is not None:
@@ -124,7 +126,7 @@ def predict(
         heading = "Force along the history"
         rows, notes = _along(saved, history, parse_columns(column), units)
     elif force:
-        _only(given, ("--length", "--force"), "--force finds a pressure at --length: omit {}")
+        _only(given, ("--length", "--force"), "--force can only be combined with --length: omit {}")
         rows, heading = fitting.prediction.pressures_for(saved, L, F), "Pressure"
     else:
         rest = None if rest_length is None else parse_quantity(rest_length, "length")
@@ -163,11 +165,11 @@ def _is_card(muscle: str) -> bool:
 def _by_card(
     muscle: str, lengths: Any, pressures: Any, own: Sequence[str], *, onset: bool
 ) -> tuple[list[dict[str, Any]], str]:
-    """Return rows from the safe muscle of a card, lengths [m] by pressures [Pa], and their heading."""
+    """Return rows from a card's safe muscle at all lengths [m] and pressures [Pa], and their heading."""
     from famjax.muscles import open_card
 
     if not lengths.size or not (pressures.size or onset):
-        raise InputError("give --length, and --pressure or --onset, with their units")
+        raise InputError("specify --length, and --pressure or --onset, with their units")
     card = open_card(muscle, own=own)
     warn_unidentified(muscle, card.provenance.verdict, card.provenance.reasons)
     safe, region = card.safe(), card.region
@@ -203,18 +205,21 @@ def _notes(saved: "Identification", *, other: bool, forces: bool) -> list[str]:
     """Return notes on predictions: for another rest length (`other`), with `forces` among them."""
     document, notes = saved.document, []
     if document.get("series_compliance_m_per_N"):
-        notes.append("force is in the compliant rig; muscle force is that of the muscle alone")
+        notes.append("force is in the compliant rig; muscle force is for the muscle alone")
     if other and "series" not in document:
         names, band = "; ".join(saved.outlook.other_lengths), "there is no error band"
         if names:
-            band = f"it is the mean of all models that fit its map ({names}), and the band their spread"
+            band = (
+                f"the force is the mean of all models that fit its map ({names}), and the band is "
+                "their spread"
+            )
         notes.append(
             f"another rest length is predicted from one specimen: {band}. See famjax series"
         )
     elif "series" in document and not other:
         one = document["data"]["specimen"]
         notes.append(
-            f"this is {one['name']}, the first specimen of the series, with rest length "
+            f"the prediction is for {one['name']}, the first specimen of the series, with rest length "
             f"{1e3 * one['rest_length_m']:.4g} mm; choose another with --rest-length"
         )
     elif forces and not other:
@@ -223,8 +228,8 @@ def _notes(saved: "Identification", *, other: bool, forces: bool) -> list[str]:
             notes.append(f"the 95 % bands cover {error.covers}")
         elif document["spread"]["directions"]:
             notes.append(
-                "the bands follow from the standard errors alone, which leave out the model error, and are "
-                "too narrow: famjax fit writes fits with held-out errors"
+                "the bands come from the standard errors alone, which exclude the model error, and are too "
+                "narrow: use a fit written by famjax fit, which includes held-out errors"
             )
         else:
             notes.append("there is no error band, since the fit has no standard errors")
@@ -255,7 +260,7 @@ def _print_answers(title: str, rows: Sequence[Mapping[str, Any]], system: str) -
     if slack:
         print("note: the force of a slack muscle is zero; model force is the unclipped value")
     if not all(row["inside"] for row in rows):
-        print("note: rows that are not inside are outside the fitted lengths or pressures:")
+        print("note: where inside is False, the state is outside the fitted lengths or pressures:")
         for reason in dict.fromkeys(row["outside"] for row in rows if not row["inside"]):
             print(f"- {sentence_in_units(reason, system)}")
 
@@ -268,7 +273,7 @@ def card(
     sample: int = 32,
     own: tuple[str, ...] = (),
 ) -> int:
-    """Write the muscle card of a fit: one file for a simulator, a controller or a colleague.
+    """Write a fit as a muscle card: one file for a simulator, a controller or a colleague.
 
     A card contains the muscle, the range of the data, the fluid volume, the errors, a sample of muscles,
     the hysteresis if fitted, and the origin of the data. Read it with `famjax.cards.read_card`; its
@@ -277,16 +282,16 @@ def card(
     Parameters
     ----------
     fit_json
-        Read this `fit.json` of `famjax fit`.
+        Read this `fit.json`, written by `famjax fit`.
     output
         Write this file; default: `card.json` beside the fit.
     name
         Name the muscle; default: the name of the specimen.
     sample
-        Draw this number of muscles from the error distribution of the fit; 0 for none. A fit without
-        standard errors has none.
+        Sample this number of muscles from the uncertainty of the fit; 0 for none. A fit without standard
+        errors has no sample.
     own
-        Trust a module with your own classes, repeatable: `--own my_rubber`. A file imports no other module.
+        Trust a module with your own classes, repeatable: `--own my_rubber`. Other modules are not imported.
     """
     load_fitting()
     from famjax.boundary.files import Origin
@@ -296,7 +301,7 @@ def card(
     if own:
         add_cwd_to_path()
     saved = load_fit(fit_json, own=own)
-    with progress("drawing muscles"):
+    with progress("sampling muscles"):
         found = card_of(saved, name=name, count=sample, origin=Origin.of_this_command())
     warn_unidentified(fit_json, found.provenance.verdict, found.provenance.reasons)
     path = write_card(found, fit_json.parent / "card.json" if output is None else output)
@@ -318,7 +323,7 @@ def export(
 ) -> int:
     """Write a muscle as C, tables, MATLAB or Python functions, or for a simulator.
 
-    The header of each file names its muscle and its largest deviation from the model. Targets:
+    The header of each file states the muscle and the largest deviation from its model. Targets:
 
     c: C99 code for force, stiffness and inverse pressure on a microcontroller; double or float.
 
@@ -328,18 +333,18 @@ def export(
 
     matlab: functions for MATLAB, Octave and Simulink's MATLAB Function block.
 
-    python: functions that need NumPy alone.
+    python: functions that need only NumPy.
 
     mujoco: XML of a load hanging from the muscle, and the actuator callback.
 
-    mjx: the model inside MJX's step, differentiable; runs with famjax.
+    mjx: the model inside the MJX step, differentiable; needs famjax.
 
-    jax: the model with its derivative as StableHLO; runs with JAX, without famjax.
+    jax: the model with its derivative as StableHLO; needs JAX but not famjax.
 
     Parameters
     ----------
     muscle
-        Read this card of `famjax card`, this `fit.json` of `famjax fit`, or a bundled muscle (DMSP-10,
+        Read this card from `famjax card`, this `fit.json` from `famjax fit`, or a bundled muscle (DMSP-10,
         DMSP-20).
     to
         Choose a target, repeatable.
@@ -348,10 +353,10 @@ def export(
     length
         Cut the muscle to this rest length, with its unit, such as 300mm.
     plant
-        Use circuit and friction from this plan of `famjax simulate`. C and MuJoCo then have pressure as
+        Use the circuit and friction from this `famjax simulate` plan. C and MuJoCo then have pressure as
         a state. By default they are static, and the FMU has the default pneumatic circuit.
     own
-        Trust a module with your own classes, repeatable: `--own my_rubber`. A file imports no other module.
+        Trust a module with your own classes, repeatable: `--own my_rubber`. Other modules are not imported.
     """
     load_fitting()
     from famjax.export import export as export_to

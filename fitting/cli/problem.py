@@ -1,4 +1,4 @@
-"""The problem that the options of `famjax fit` or a `fit.json` describe: solve, assess, judge."""
+"""Solve, assess and judge the problem that the options of `famjax fit` or a `fit.json` describe."""
 
 import dataclasses
 import functools
@@ -28,13 +28,13 @@ from fitting.verdict import judge
 from .fit import Asked
 
 Kinds = Mapping[str, str]
-"""Kind of unit of each parameter."""
+"""Kind of unit for each parameter."""
 
 _TURNS = "turns"
 
 
 def parameter_kinds(*laws: LawGiven) -> dict[str, str]:
-    """Return the kind of unit of every possible parameter, for all known and the given laws."""
+    """Return the kind of unit for every possible parameter of all known laws and the given ones."""
     kinds = KINDS | {f"E_{n}": "stress" for n in range(1, 9)}
     for one in (*known_laws(), *laws):
         made = law_named(one, None)
@@ -64,7 +64,7 @@ def _parsed(
                 f"{what} {entry!r}: unknown parameter; choose from {listed} (any unit)"
             )
         if name in found:
-            raise InputError(f"{what} of {name} given twice: give it once")
+            raise InputError(f"{what} of {name} given twice: keep one")
         unit = key[len(name) + 1 :]
         factor(unit, known[name])  # refuse an unknown unit
         found[name] = numbers, unit, known[name]
@@ -161,8 +161,8 @@ def asked_of(fit: fitting.Identification, own: Own = ()) -> Asked:
     held = fit.document.get("problem")
     if held is None:
         raise InputError(
-            "the file does not contain its problem: give a fit.json written by famjax fit. For the fit "
-            "of a script, call fitting.validate, fitting.profile, fitting.bootstrap or fitting.sample"
+            "the file does not contain the options of its fit: use a fit.json written by famjax fit. For a "
+            "fit from a script, call fitting.validate, fitting.profile, fitting.bootstrap or fitting.sample"
         )
     asked: dict[str, Any] = {
         key: tuple(one) if isinstance(one, list) else one for key, one in held["asked"].items()
@@ -263,7 +263,7 @@ def _print(found: report.Findings, units: Units, *, verbose: bool) -> None:
         print("\n".join(("", *(f"note: {one}" for one in notes))))
     print_lines(found.summary(units))
     if notes and not verbose:
-        print(f"{len(notes)} notes and all tables: --verbose, or report.html")
+        print(f"{len(notes)} notes and all tables: see report.html, or use --verbose")
 
 
 def _options(
@@ -272,7 +272,7 @@ def _options(
     """Return the map, arguments of `identify` or `choose`, calibration errors and measured shape."""
     if asked.geometry is not None and asked.shape is not None:
         raise InputError(
-            "--shape also sets the geometry: give either --shape or --geometry, got both"
+            "--shape also sets the geometry: use either --shape or --geometry, got both"
         )
     options, _ = identify_options([data], asked, [asked.law] if asked.law else [])
     options |= {name: getattr(asked, name) for name in ("constraint", "objective", "ends")}
@@ -323,8 +323,8 @@ def _with_shape(
     outside = (data.length < low) | (data.length > high)
     if outside.any():
         raise fitting.InputError(
-            f"all lengths must be within those of the pictures, {low * 1e3:.4g} to {high * 1e3:.4g} mm; "
-            f"{int(outside.sum())} readings of {data.source} are outside: photograph the whole stroke, or "
+            f"all lengths must be in the range of the pictures, {low * 1e3:.4g} to {high * 1e3:.4g} mm; "
+            f"{int(outside.sum())} readings in {data.source} are outside: photograph the whole stroke, or "
             "remove these readings"
         )
     named = {*options["bounds"], *options["parameters"]}

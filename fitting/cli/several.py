@@ -33,10 +33,10 @@ SweptOrders = Annotated[
 _SWEPT = {
     "pressure": "dependence", "order": "order", "constraint": "constraint", "rmse_N": "rmse",
     "blocked force error_N": "blocked_error", "free contraction error": "free_contraction_error",
-    "bic": "bic", "left out rmse_N": "cross_validated_rmse", "stability margin_Pa": "margin",
+    "bic": "bic", "held-out rmse_N": "cross_validated_rmse", "stability margin_Pa": "margin",
     "verdict": "verdict",
 }  # fmt: skip
-"""Columns of the table of a sweep, and their keys in `sweep.json`."""
+"""Columns of the sweep table, and their keys in `sweep.json`."""
 
 
 def sweep(
@@ -52,7 +52,7 @@ def sweep(
     units: Units = "metric",
     json_: bool = False,
 ) -> int:
-    """Fit all combinations of order, pressure dependence and constraint at one geometry.
+    """Fit all combinations of order, pressure dependence and constraint for one geometry.
 
     Writes `sweep.json` with all fits in SI. By default, the geometry is identified as in
     `famjax fit --law polynomial`.
@@ -64,11 +64,11 @@ def sweep(
     order
         Try these orders of the law, repeatable, 1 to 4.
     dependence
-        Try these dependences of the coefficients on pressure, repeatable: fixed, linear, free.
+        Try these pressure dependences of the coefficients, repeatable: fixed, linear, free.
     constraint
         Try these constraints, repeatable: none, positive, slope, drucker.
     objective
-        Choose the objective. mean_rmse: the mean over pressures of the RMSE, as in the reference work.
+        Choose the objective. mean_rmse: the RMSE averaged over pressures, as in the reference work.
     specimen
         Describe the muscle, key_unit=value, repeatable.
     column
@@ -107,11 +107,11 @@ def sweep(
 _STARTS = 32
 """Number of starts of each nonlinear fit in a comparison."""
 _COLUMNS = {
-    "model": "label", "n parameters": "n_parameters", "inner lengths out N": "lolo_interior_rmse_N",
-    "rmse N": "rmse_N", "pressures out N": "lopo_rmse_N", "lengths out N": "lolo_rmse_N",
+    "model": "label", "n parameters": "n_parameters", "held-out inner lengths N": "lolo_interior_rmse_N",
+    "rmse N": "rmse_N", "held-out pressures N": "lopo_rmse_N", "held-out lengths N": "lolo_rmse_N",
     "max error N": "max_error_N",
 }  # fmt: skip
-"""Columns of the table, and their keys in `compare.json`; "out" is the held-out RMSE."""
+"""Columns of the table, and their keys in `compare.json`; "held-out" columns are RMSE."""
 
 
 def compare(
@@ -128,9 +128,9 @@ def compare(
     """Fit published static force models, and famjax's own, to one force map.
 
     Each model is fitted to all loaded readings, and cross-validated by pressure and by length
-    ("pressures out", "lengths out"; inner lengths exclude the longest and the shortest). The table is
+    ("held-out" columns; inner lengths exclude the longest and the shortest). The table is
     sorted by the held-out error on inner lengths, which is missing if the other readings do not
-    determine the model. All models take a minute or two.
+    determine the model. Fitting all models takes a minute or two.
 
     Writes `compare.json`. Finished rows are stored in `rows.jsonl`, from which an interrupted comparison
     resumes.
@@ -142,8 +142,8 @@ def compare(
     models
         Fit only these models, repeatable. An unknown name prints the list of models.
     own
-        Add a model of your own, module:Class, repeatable: `--own my_model:Gent`. It may be a complete
-        model, or a law, geometry or force term, which is identified with the rest of a muscle.
+        Add your own model, module:Class, repeatable: `--own my_model:Gent`. It may be a complete model, or
+        a law, geometry or force term, which is then identified with the rest of the muscle.
     specimen
         Describe the muscle, key_unit=value, repeatable.
     column
@@ -195,12 +195,12 @@ def series(
     units: Units = "metric",
     json_: bool = False,
 ) -> int:
-    """Identify several muscles of a series together, to predict muscles of other lengths.
+    """Identify several muscles of one series together, to predict muscles of other lengths.
 
     All specimens share braid, bladder and rig; only the length differs. Each law, with and without a
     deadband and a compliant rig, is cross-validated over specimens. The first law with a held-out error
-    at most half above the smallest is kept. Predictions average it with up to two more models with the
-    same law.
+    at most 1.5 times the smallest is kept. Predictions are averaged over it and up to two more models
+    with the same law.
 
     Writes `fit.json`, for `famjax predict fit.json --rest-length 132mm`, and prints a verdict. The exit
     code is 1 if nothing was identified.
@@ -216,10 +216,10 @@ def series(
         Try these laws, repeatable; default: linear, mooney-rivlin and ogden. linear and cubic are
         polynomials; other names, and module:Class, are as for `famjax fit`.
     free
-        Identify another parameter in all models, repeatable: series_compliance, series_exponent,
+        Also identify this parameter in all models, repeatable: series_compliance, series_exponent,
         deadband_pressure, end_length, braid_compliance.
     bounds
-        Replace bounds, name_unit=min:max, repeatable. A single value fixes the parameter:
+        Replace the bounds of a parameter, name_unit=min:max, repeatable. A single value fixes it:
         `--bounds series_compliance_mm/N=0` for a rigid rig.
     output
         Write the file to this folder; it is created if missing.
@@ -269,7 +269,7 @@ def _print_series(document: Mapping[str, Any], shared: tuple[str, Any, Any], sys
     errors = found["leave_one_specimen_out_N"]
     families = [{"family": name, "left_out_rmse_N": error} for name, error in errors.items()]
     print_rows("Models, by held-out error over specimens", in_units(families, units))
-    title = f"Specimens, with {found['family']}"
+    title = f"Specimens, fitted with {found['family']}"
     print_rows(title, in_units(found["specimens"], units))
     print_table("Shared parameters", *shared[1:])
     first, *further = *document["reasons"], ""
@@ -310,9 +310,9 @@ def ramps(
         the unit, repeatable; `pressure=-` ignores a column. Also `decimal=,` and, for absolute
         pressures, `atmosphere=101.3kPa`.
     step_kPa
-        Set the spacing of the pressures of the map.
+        Set the spacing between the pressures in the map.
     slack_below_N
-        Set the force below which the muscle does not pull; default: derived from noise and sensor clamp.
+        Set the force below which the muscle counts as slack; default: derived from noise and sensor clamp.
     output
         Write the files to this folder; it is created if missing.
     units

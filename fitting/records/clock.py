@@ -10,7 +10,7 @@ from famjax.boundary.errors import InputError
 Series = tuple[np.ndarray, np.ndarray]
 """Times [s] and forces [N] of a record."""
 MAX_RATE = 0.01
-"""Largest accepted relative rate between two clocks: ten seconds in a quarter of an hour."""
+"""Largest accepted relative rate difference between two clocks: ten seconds in a quarter of an hour."""
 
 _PASSES = 3
 _WINDOW = 10.0  # s, within which the error of a clock map is constant
@@ -28,7 +28,7 @@ _FEWEST = 50  # fewest load readings for an alignment
 
 @dataclasses.dataclass(frozen=True)
 class ClockMap:
-    """Map from device time to host time; neglects the shortest latency and drift within a window.
+    """Map from device time to host time; it neglects the shortest latency and drift within a window.
 
     host = offset + rate device + s(device), with s piecewise linear for the drift of the oscillator.
 
@@ -47,7 +47,7 @@ class ClockMap:
     error: float
 
     def host(self, device: ArrayLike | float) -> np.ndarray:
-        """Host time [s] of device times [s], any shape."""
+        """Convert device times [s], of any shape, to host times [s]."""
         t = np.asarray(device, dtype=np.float64)
         return np.asarray(self.offset + self.rate * t + np.interp(t, self.knots, self.residuals))
 
@@ -56,8 +56,8 @@ def fit_clock(device: ArrayLike, host: ArrayLike, *, window: float = _WINDOW) ->
     """Fit the map from device to host time as the lower envelope of arrival times.
 
     A record cannot arrive before it is created, so the earliest arrival in each window has the shortest
-    latency. The line is the mean drift. The remaining deviations of the earliest arrivals are
-    interpolated, which follows an unsteady oscillator.
+    latency. A line represents the mean drift. The remaining deviations of the earliest arrivals are
+    interpolated, to follow an unsteady oscillator.
 
     Args:
         device: device times [s] of records, shape (n,), n >= 2, in any order.
@@ -83,8 +83,8 @@ def fit_clock(device: ArrayLike, host: ArrayLike, *, window: float = _WINDOW) ->
     known = t.ndim == 1 and t.shape == arrival.shape and np.isfinite([t, arrival]).all()
     if not known or t.size < 2 or np.ptp(t) == 0:
         raise InputError(
-            "a clock needs finite device and host times of one shape (n,), at two device times at least, "
-            f"got shapes {t.shape} and {arrival.shape}: record for longer"
+            "fitting a clock needs finite device and host times of equal shape (n,), with at least two "
+            f"different device times; got shapes {t.shape} and {arrival.shape}: record for longer"
         )
     order = np.argsort(t, kind="stable")
     t, arrival = t[order], arrival[order]
@@ -117,7 +117,7 @@ def fit_clock(device: ArrayLike, host: ArrayLike, *, window: float = _WINDOW) ->
 
 
 def _envelope_rate(t: np.ndarray, arrival: np.ndarray) -> float:
-    """Slope of the line below all arrivals that is highest at the middle of the record."""
+    """Return the slope of the line below all arrivals that is highest at the middle of the record."""
     from scipy.optimize import linprog  # noqa: PLC0415 -- 0.2 s
 
     span = float(np.ptp(t))
@@ -130,7 +130,7 @@ def _envelope_rate(t: np.ndarray, arrival: np.ndarray) -> float:
 
 
 def _earliest(cell: np.ndarray, late: np.ndarray) -> np.ndarray:
-    """Index of the smallest delay in each cell, in the order of the cells."""
+    """Return the index of the smallest delay in each cell, in the order of the cells."""
     order = np.lexsort((late, cell))
     return order[np.flatnonzero(np.diff(cell[order], prepend=-1))]
 
@@ -143,7 +143,7 @@ class Alignment:
 
     Attributes:
         offset: offset at the reference [s].
-        rate: relative rate of the journal's clock against the machine's [-].
+        rate: rate of the journal's clock relative to the machine's, minus 1 [-].
         reference: machine time [s] at which the offset is most accurate.
         offset_error: standard error of the offset [s].
         rate_error: standard error of the rate [-].
@@ -163,7 +163,7 @@ class Alignment:
         )
 
     def journal_time(self, time: ArrayLike | float) -> np.ndarray:
-        """Convert machine times [s], any shape, to journal times [s]."""
+        """Convert machine times [s], of any shape, to journal times [s]."""
         machine = np.asarray(time, float)
         return np.asarray(machine + self.offset + self.rate * (machine - self.reference))
 
@@ -181,8 +181,8 @@ def align_by_load(
 
     Minimises the squares of F_journal(t) - a F_log(t) - b over offset, rate, a and b, starting from the
     offset with the best correlation. The standard errors are valid for residuals that are correlated over
-    less than a twentieth of the record, equally during load changes and elsewhere. A delay of either
-    channel is neglected and becomes an error of the offset.
+    less than a twentieth of the record, equally during load changes and elsewhere. A delay in either
+    channel is neglected and becomes an error in the offset.
 
     Args:
         journal_time: journal times [s], increasing, shape (n,).
@@ -207,7 +207,7 @@ def align_by_load(
     if abs(first.rate) > MAX_RATE:
         raise InputError(
             f"the clock rates must agree within {MAX_RATE * 1e6:.0f} ppm, got {first.rate * 1e6:.0f} ppm: "
-            "check that journal and log are of the same test"
+            "check that journal and log are from the same test"
         )
     return _refined(journal, log, first.offset, first.rate, first.reference, time_error)
 
@@ -215,14 +215,14 @@ def align_by_load(
 def _series(name: str, time: np.ndarray, force: np.ndarray) -> Series:
     if np.shape(time) != np.shape(force) or np.size(time) < _FEWEST:
         raise InputError(
-            f"time and force of the {name} must be equally long, and have at least {_FEWEST} readings, got "
+            f"time and force of the {name} must have equal lengths and at least {_FEWEST} readings, got "
             f"shapes {np.shape(time)} and {np.shape(force)}"
         )
     return np.asarray(time, float), np.asarray(force, float)
 
 
 def _best_lag(journal: Series, log: Series, near: tuple[float, float] | None) -> float:
-    """Lag [s] of the log, to half a second, from the normalised correlation."""
+    """Return the lag [s] of the log, to half a second, from the normalised correlation."""
     correlation, lags, share = _correlation(journal, log)
     if near is not None:
         correlation = np.where(np.abs(lags - near[0]) <= near[1], correlation, -1.0)
@@ -232,8 +232,8 @@ def _best_lag(journal: Series, log: Series, near: tuple[float, float] | None) ->
     if not correlation[k] >= _LEAST_AGREEMENT:
         raise InputError(
             f"the loads of journal and log do not match: their best correlation must be at least "
-            f"{_LEAST_AGREEMENT}, got {correlation[k]:.2f}. Check that both are of the same test and have "
-            "the same sign"
+            f"{_LEAST_AGREEMENT}, got {correlation[k]:.2f}. Check that both are from the same test and "
+            "have the same sign"
         )
     peak = explained[1:-1] >= np.maximum(explained[:-2], explained[2:])
     peaks = 1 + np.flatnonzero(peak & (np.abs(lags[1:-1] - lags[k]) > 10 * _COARSE))
@@ -249,7 +249,7 @@ def _best_lag(journal: Series, log: Series, near: tuple[float, float] | None) ->
 
 
 def _smoothed(time: np.ndarray, force: np.ndarray) -> Series:
-    """Means of 400 parts of a record, over seven of them."""
+    """Return the means over 400 parts of a record, smoothed over seven parts."""
     centre, mean, _ = _sampled(time, force, float(time[-1] - time[0]) / 400)
     window = np.hanning(9)[1:-1] / np.hanning(9).sum()
     return centre, np.convolve(np.pad(mean, 3, mode="edge"), window, mode="valid")
@@ -321,7 +321,7 @@ def _refined(
         bridged = tm[right] - tm[right - 1] <= _BRIDGE * interval
         use = (at >= tm[0]) & (at <= tm[-1]) & bridged
         if use.sum() < _FEWEST:
-            raise InputError("journal and log must overlap in time for an alignment by load")
+            raise InputError("journal and log must overlap in time to be aligned by load")
         at, y, right = at[use], fj[use], right[use]
         x, v = spline(at), np.interp(at, tm, slope)
         gain, zero = np.polyfit(x, y, 1)
@@ -337,7 +337,9 @@ def _refined(
         at, left, J = linearised(offset, rate)
         scale = np.sqrt((J**2).sum(axis=0))
         if scale[0] == 0:
-            raise InputError("the load must vary for an alignment by load, got a constant load")
+            raise InputError(
+                "the load must vary for clocks to be aligned by load, got a constant load"
+            )
         step = np.linalg.lstsq(J / scale, left, rcond=None)[0] / scale
         step *= 1.0 if done < _STEPS // 3 else 0.5  # damp oscillations
         offset, rate = offset + float(step[0]), rate + float(step[1])
@@ -354,14 +356,14 @@ def _refined(
     # The offset may oscillate between two rows of a slow log, by less than its standard error.
     if not abs(step[0]) < max(_SETTLED * interval, _TO_AND_FRO * errors[0]):
         raise InputError(
-            f"the load alignment does not converge: after {_STEPS} steps it still shifts by "
+            f"the load alignment does not converge: after {_STEPS} steps the offset still shifts by "
             f"{abs(step[0]):.2g} s. Check that both channels record the same load"
         )
     return Alignment(offset, rate, reference, float(errors[0]), float(errors[1]))
 
 
 def _covariance_of_scores(left: np.ndarray, J: np.ndarray) -> np.ndarray:
-    """Covariance of J^T e for errors e with the autocorrelation of the residuals, shape (4, 4).
+    """Return the covariance of J^T e for errors e with the autocorrelation of the residuals, shape (4, 4).
 
     S = sum over lags k of w_k g_k sum over i of J_i J_{i+k}^T, with g the autocovariance of all residuals
     and w a triangle that vanishes at `_CORRELATED` of the record. A sandwich covariance, J^T e e^T J over

@@ -50,7 +50,7 @@ class StaticMap:
         length: L [m], shape (rows,).
         pressure: gauge pressure P [Pa], shape (rows,).
         force: mean force F [N] over records, shape (rows,).
-        slack: True if no record pulls, shape (rows,); the force is then not a static muscle force.
+        slack: True if the muscle pulls in no record, shape (rows,); the force is then not a static force.
         force_std: standard error of the force [N], shape (rows,). It combines the error of the points with
             the repeatability at the length (pooled over lengths if there are no repeats), both divided
             by the square root of the number of records.
@@ -74,7 +74,7 @@ class StaticMap:
         """Return the map without its slack rows as data for an identification.
 
         Raises:
-            InputError: no row pulls, or `ForceData` refuses the map.
+            InputError: all rows are slack, or `ForceData` rejects the map.
         """
         kept = ~self.slack
         if not kept.any():
@@ -86,7 +86,7 @@ class StaticMap:
         noisy = bool((std > _LEAST_STD * self.force.max()).all())
         notes = [
             f"Forces are quasi-static (mean of fill and vent branches of {len(self.points.records)} "
-            f"records). The pressure reading at atmosphere, {self.points.atmosphere / 1e3:.4g} kPa, is "
+            f"records). The reading at atmospheric pressure, {self.points.atmosphere / 1e3:.4g} kPa, is "
             "subtracted.",
             f"{int((~kept).sum())} of {self.slack.size} rows are slack (below "
             f"{self.points.slack_below:.4g} N) and left out.",
@@ -94,11 +94,11 @@ class StaticMap:
         if unused := sum(one["n_unused"] for one in self.lengths):
             notes.append(f"{unused} records lack one of the branches and are not used.")
         if not noisy:
-            notes.append("The readings show no noise: forces have no standard deviation.")
+            notes.append("The readings show no noise, so the forces have no standard deviation.")
         elif any(math.isnan(one["repeatability_N"]) for one in self.lengths):
             notes.append(
-                "Some lengths have no repeated pressures. Their standard deviation of the force uses the "
-                "repeatability of the other lengths, or the noise alone if there is none."
+                "Some lengths have no repeated pressures. The standard deviation of their forces uses the "
+                "repeatability at the other lengths or, without any, the noise alone."
             )
         return ForceData(
             force=self.force[kept],
@@ -202,12 +202,12 @@ def _rms(values: np.ndarray) -> float:
 
 
 def _mean(values: np.ndarray, used: np.ndarray) -> Column:
-    """Mean over the used records; nan if there are none."""
+    """Return the mean over the used records; nan if there are none."""
     return np.ma.masked_array(values, ~used).mean(axis=0).filled(np.nan)
 
 
 def _repeatability(force: np.ndarray, pulls: np.ndarray) -> float:
-    """Standard deviation between records, pooled over the pressures that several records share."""
+    """Return the standard deviation between records, pooled over pressures that several records share."""
     square = np.where(pulls, (force - _mean(force, pulls)) ** 2, 0.0).sum()
     freedom = int(np.maximum(pulls.sum(axis=0) - 1, 0).sum())
     return float(np.sqrt(square / freedom)) if freedom else math.nan
@@ -222,7 +222,7 @@ def _curves(points: QuasiStatic, records: Sequence[int], pressures: Column) -> C
 def _curve(
     points: QuasiStatic, record: int, pressures: Column, *, filling: bool
 ) -> tuple[Column, Mask]:
-    """Force of one branch of a record at the given pressures, and a mask of pulling states."""
+    """Return the force on one branch of a record at given pressures, and a mask of pulling states."""
     from scipy.interpolate import PchipInterpolator  # noqa: PLC0415 -- 0.2 s
 
     mine = points.record == record
@@ -259,7 +259,7 @@ def _merged(P: Column, F: Column, slack: Mask, width: float) -> tuple[np.ndarray
 
 
 def ramp_pairs(points: QuasiStatic, *, rest_length: float, step: float = 25e3) -> BranchPairs:
-    """Return both branches of every record at the common pressures where both pull.
+    """Return both branches of every record at the common pressures where the muscle pulls on both.
 
     Args:
         points: points of records at one or more lengths, interpolated as in `static_map`.
@@ -290,8 +290,8 @@ def ramp_pairs(points: QuasiStatic, *, rest_length: float, step: float = 25e3) -
             )  # fmt: skip
     if not parts:
         raise InputError(
-            "no record has both branches where the muscle pulls: hysteresis requires records of "
-            "filling and venting"
+            "no record has both branches in states where the muscle pulls: hysteresis requires records "
+            "of both filling and venting"
         )
     return BranchPairs.joined(parts)
 
@@ -325,7 +325,7 @@ def read_branches(path: Path) -> BranchPairs:
     except ValueError:
         numbers = np.empty(0)
     if tuple(header) != _PAIRS or not numbers.size:
-        raise InputError(f"{path} must be a branches.csv that famjax ramps has written")
+        raise InputError(f"{path} must be a branches.csv written by famjax ramps")
     rest, length, pressure, half, turn = (numbers[:, k] for k in range(5))
     names = np.array([row[0] for row in rows])
     return BranchPairs(length, pressure, half, turn, names, float(rest[0]))
@@ -353,18 +353,18 @@ def read_ramps(
             named += _listed(Path(entry))
     if not named:
         raise InputError(
-            "no records: give each with its length, as in test8.csv=73.25mm, or give a list (a CSV file "
-            "with the columns file and length_mm)"
+            "no records were given: name each with its length, as in test8.csv=73.25mm, or give a list "
+            "(a CSV file with the columns file and length_mm)"
         )
     paths = [path for path, _ in named]
     twice = next((path for path in paths if paths.count(path) > 1), None)
     if twice is not None:
-        raise InputError(f"{twice} is named twice: give each record once")
+        raise InputError(f"{twice} is named twice: name each record only once")
     return [read_ramp(path, length=length, columns=columns) for path, length in named]
 
 
 def _listed(path: Path) -> list[tuple[Path, float]]:
-    """Return the files and lengths [m] in a list."""
+    """Return the files and lengths [m] named in a list."""
     rows = list(csv.DictReader(text_lines(path)))
     units = [unit for unit in UNITS["length"] if rows and f"length_{unit}" in rows[0]]
     if not rows or "file" not in rows[0] or len(units) != 1:
@@ -394,7 +394,7 @@ def ramps_command(
 
     Args:
         entries: see `read_ramps`.
-        atmosphere: pressure reading at atmosphere [Pa].
+        atmosphere: reading at atmospheric pressure [Pa].
         columns: column name of each quantity in the records, see `read_ramp`.
         specimen: fields of `Specimen` in SI, including the rest length.
         step: spacing of the pressures of the map [Pa].
@@ -413,7 +413,7 @@ def ramps_command(
     if not specimen or "rest_length" not in specimen:
         raise InputError(
             "the rest length of the muscle must be given (--specimen rest_length_mm=...), since the "
-            "longest record may differ from it"
+            "longest recorded length may differ from it"
         )
     muscle = describe({"name": "ramps", **specimen}, specimen["rest_length"])
     records = read_ramps(entries, columns=columns)
@@ -434,13 +434,13 @@ def ramps_command(
 
 
 def _check_ranges(records: Iterable[RampRecord]) -> None:
-    """Refuse records at constant pressure."""
+    """Reject records at constant pressure."""
     for record in records:
         low, high = np.quantile(record.pressure, [0.01, 0.99]).tolist()
         if high - low < _LEAST_RANGE * abs(high):
             raise InputError(
                 f"{record.source}: the pressure must sweep a range at constant length, got only "
-                f"{low / 1e3:.4g} to {high / 1e3:.4g} kPa: check the column (--column pressure=). For "
+                f"{low / 1e3:.4g} to {high / 1e3:.4g} kPa. Check the column (--column pressure=). For "
                 "strokes at constant pressure, use famjax characterise"
             )
 
@@ -498,7 +498,7 @@ def plot_ramps(static: StaticMap, system: str = "metric") -> "Figure":
     slack = points.pressure[points.slack] / pressure, points.force[points.slack] / force
     axes.plot(*slack, "x", color="0.7", ms=3)
     axes.legend(frameon=False, fontsize=8)
-    axes.set_title("up: fill; down: vent; crosses: slack; line: map", fontsize=9)
+    axes.set_title("triangles up: fill, down: vent; crosses: slack; lines: map", fontsize=9)
     axes.set_ylabel(f"force, {units['force']}")
     axes.set_xlabel(f"gauge pressure, {units['pressure']}")
     return figure

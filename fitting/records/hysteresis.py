@@ -1,4 +1,4 @@
-"""Hysteresis of ramps at constant length, fitted by Maxwell-slip elements."""
+"""Hysteresis of ramps at constant length, fitted with Maxwell-slip elements."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -27,11 +27,11 @@ from ..convex import Status, solve_qp
 from .record import Column, check_positive, set_columns
 
 MODULUS = 1e6
-"""Modulus E [Pa] of the coordinates, of the order of rubber: see `famjax.slip.MaxwellSlip`."""
+"""Modulus E [Pa] in the coordinates, of the same order as that of rubber: see `famjax.slip.MaxwellSlip`."""
 SHRINKAGE = 1e-3
 """Weight of the sum of squared strengths, relative to the largest squared column norm."""
 PREDICTS = 0.6
-"""Largest held-out error, relative to the measured half-difference, without a warning."""
+"""Largest held-out error, relative to the measured half-difference, that gives no warning."""
 
 _ELEMENTS = 8  # thresholds on each coordinate
 _OCTAVES = 7  # between the lowest and the highest threshold
@@ -94,7 +94,7 @@ def read_history(path: str | Path, columns: Mapping[str, str] | None = None) -> 
 
 @dataclasses.dataclass(frozen=True)
 class BranchPairs:
-    """Half-differences between the branches of ramps: pressure up from a vented muscle and down again.
+    """Half-differences between the branches of ramps, in which a vented muscle is filled and vented again.
 
     Attributes:
         length: length L [m] of each point, shape (n,).
@@ -115,8 +115,8 @@ class BranchPairs:
     def __post_init__(self) -> None:
         if not np.size(self.length):
             raise InputError(
-                "hysteresis requires points at which both branches pull, got none: record both filling "
-                "and venting"
+                "hysteresis requires points at which the muscle pulls on both branches, got none: record "
+                "both filling and venting"
             )
         set_columns(self, *_COLUMNS, least=1)
         check_positive(rest_length=self.rest_length, length=float(self.length.min()))
@@ -139,7 +139,7 @@ class BranchPairs:
         rest_length: float,
         name: str = "ramp",
     ) -> "BranchPairs":
-        """Branch pairs of one record at constant length that starts vented.
+        """Create the branch pairs of one record at constant length that starts vented.
 
         Args:
             length: constant length L [m].
@@ -205,7 +205,7 @@ def threshold_grid(pairs: BranchPairs) -> Thresholds:
 def half_difference_columns(
     pairs: BranchPairs, thresholds: Thresholds
 ) -> Float[np.ndarray, "n elements"]:
-    """Half-difference [N] of each element per unit strength, in the order of the thresholds."""
+    """Return the half-difference [N] of each element per unit strength, in the order of thresholds."""
     pressures = 0.0, pairs.pressure, pairs.turn_pressure
     start, at, turn = (_coordinates(pairs, pressure) for pressure in pressures)
     shares = slip_shares(pairs.pressure, MODULUS)
@@ -217,7 +217,7 @@ def half_difference_columns(
 
 
 def _coordinates(pairs: BranchPairs, pressure: Column | float) -> tuple[Column, Column]:
-    """Wall and braid coordinates of the points at other pressures [Pa]."""
+    """Return the wall and braid coordinates of the points at other pressures [Pa]."""
     wall, braid = slip_coordinates(pairs.length, pressure, pairs.rest_length, MODULUS)
     return np.asarray(wall), np.asarray(braid)
 
@@ -273,7 +273,7 @@ def fit_hysteresis(pairs: BranchPairs) -> HysteresisFit:
 
     At fixed thresholds the force is linear in the strengths S, so the programme is convex and its optimum
     is global. The second term, with a the largest column of A, selects among strengths that the records do
-    not determine, and keeps elements that never move at zero.
+    not determine, and gives zero strength to elements that never move.
 
     Raises:
         InputError: the programme has no certified optimum.
@@ -367,15 +367,15 @@ def hysteresis_warnings(fit: HysteresisFit) -> tuple[str, ...]:
     found = []
     if not (fit.strength > 0).any():
         found.append(
-            "No element of the hysteresis has a strength: the branches are interchanged, or all are at "
-            "the rest length, where the model has no loop."
+            "All elements of the hysteresis model have zero strength: the branches are swapped, or all "
+            "are at the rest length, where the model has no loop."
         )
     found += [
-        f"The hysteresis does not predict a held-out {one.groups}: its error is {one.ratio:.0%} of the "
-        "measured half-difference."
+        f"The hysteresis model does not predict a held-out {one.groups}: its error is {one.ratio:.0%} of "
+        "the measured half-difference."
         for one in fit.left_out
         if not one.ratio <= PREDICTS
     ]
     if not fit.left_out:
-        found.append("The hysteresis could not be cross-validated: there is only one record.")
+        found.append("The hysteresis model could not be cross-validated: there is only one record.")
     return tuple(found)

@@ -42,7 +42,7 @@ _FIGURES = {
 
 @dataclasses.dataclass(frozen=True)
 class IsobaricRecord:
-    """A test in SI, one row per row of the machine log that has a pressure.
+    """Record of a test in SI, with one row for each row of the machine log that has a pressure.
 
     Attributes:
         time: time on the journal's clock [s], increasing, shape (n,).
@@ -87,7 +87,7 @@ def combine(
 ) -> IsobaricRecord:
     """Combine the machine log and the journal of a test into one record.
 
-    L = L0 + (displacement - zero). Each row gets the nearest pressure reading of the journal, not a mean,
+    L = L0 + (displacement - zero). Each row gets the nearest pressure reading in the journal, not a mean,
     which preserves the measured scatter. Rows in gaps of the journal and before the first set point are
     left out.
 
@@ -96,8 +96,8 @@ def combine(
         alignment: alignment of its clock with the journal's.
         journal_time: times [s], increasing, shape (n,).
         journal_pressure: gauge pressures [Pa], shape (n,).
-        set_points: journal time [s] and set pressure [Pa] that starts there, in order; nan ends a set
-            point.
+        set_points: journal time [s] and the set pressure [Pa] that starts then, in order; nan ends a
+            set point.
         rest_length: rest length L0 [m].
         shortening_positive: True if the machine's displacement grows as the muscle shortens.
         zero_displacement: displacement reading at L0 [m].
@@ -121,13 +121,16 @@ def combine(
     use = heard & (order >= 0)
     if use.sum() < 2:
         raise InputError(
-            "no row of the machine log has a pressure in the journal: check that both are of the same test"
+            "no row of the machine log has a matching pressure in the journal: check that both are from "
+            "the same test"
         )
     notes = []
     if not heard.all():
-        notes.append(f"{(~heard).sum()} rows of the machine log have no pressure in the journal.")
+        notes.append(
+            f"{(~heard).sum()} rows of the machine log have no matching pressure in the journal."
+        )
     if log.missing_rows:
-        notes.append(f"The machine log lacks {log.missing_rows} rows.")
+        notes.append(f"{log.missing_rows} rows are missing from the machine log.")
     towards = -1.0 if shortening_positive else 1.0
     return IsobaricRecord(
         time=time[use],
@@ -169,7 +172,7 @@ def strokes(record: IsobaricRecord) -> tuple[dict[float, list[Stroke]], list[str
                 complete.append(tuple(slice(low + b.start, low + b.stop) for b in pair))
             else:
                 notes.append(
-                    f"At {pressure:.6g} Pa a motion from {length[there.start]:.5g} m to "
+                    f"At {pressure:.6g} Pa, a motion from {length[there.start]:.5g} m to "
                     f"{length[there.stop - 1]:.5g} m is not a complete stroke and was left out."
                 )
         found[pressure] = found.get(pressure, []) + complete
@@ -228,7 +231,7 @@ class Isobar:
 
 @dataclasses.dataclass(frozen=True)
 class Characterisation:
-    """A muscle at several constant pressures.
+    """Characteristics of a muscle at several constant pressures.
 
     Attributes:
         isobars: isobars in order of set pressure.
@@ -256,7 +259,7 @@ def characterise(record: IsobaricRecord, *, skip_cycles: int = 0) -> Characteris
 
     Args:
         record: record of the test.
-        skip_cycles: number of first strokes at each pressure to leave out.
+        skip_cycles: number of strokes to leave out at the start of each pressure.
 
     Returns:
         The characterisation, in order of set pressure.
@@ -277,8 +280,8 @@ def characterise(record: IsobaricRecord, *, skip_cycles: int = 0) -> Characteris
             lacks = max(_hole(record, rows) for rows in stroke)
             if lacks:
                 notes.append(
-                    f"At {pressure:.6g} Pa stroke {number} lacks {lacks:.3g} s in the journal or the "
-                    "log and was left out."
+                    f"At {pressure:.6g} Pa, stroke {number} lacks {lacks:.3g} s of data in the journal or "
+                    "the log and was left out."
                 )
             else:
                 whole.append(stroke)
@@ -289,16 +292,16 @@ def characterise(record: IsobaricRecord, *, skip_cycles: int = 0) -> Characteris
             notes.append(f"The strokes at {pressure:.6g} Pa were left out: {error}")
     if not isobars:
         raise InputError(
-            f"no complete stroke in {record.time.size} rows over {np.ptp(record.time):.5g} s, lengths "
-            f"{record.length.min():.5g} to {record.length.max():.5g} m, skipping {skip_cycles} cycles: "
-            "check that journal and log are of the same test and complete (famjax rig check). "
+            f"no complete stroke in {record.time.size} rows over {np.ptp(record.time):.5g} s, at lengths "
+            f"{record.length.min():.5g} to {record.length.max():.5g} m, after skipping {skip_cycles} "
+            "cycles: check that journal and log are complete and from the same test (famjax rig check). "
             + " ".join(notes)
         )
     return Characterisation(tuple(isobars), record.rest_length, (*record.notes, *notes))
 
 
 def _hole(record: IsobaricRecord, rows: slice) -> float:
-    """Duration [s] of the longest gap in which the length changes by more than a grid step, or 0."""
+    """Return the longest gap [s] in which the length changes by more than a grid step, or 0."""
     apart, moved = np.diff(record.time[rows]), np.abs(np.diff(record.length[rows]))
     step = float(np.ptp(record.length[rows])) / (GRID - 1)
     missing = (apart > _MISSING * np.median(apart)) & (moved > step)
@@ -351,7 +354,7 @@ def _curve(record: IsobaricRecord, of: str, rows: slice, at: np.ndarray) -> np.n
     if thin.any():
         raise InputError(
             f"the machine log must have at least 3 rows within {width:.3g} m of the length "
-            f"{at[thin][0]:.5g} m, got {int(count[thin][0])}: log faster"
+            f"{at[thin][0]:.5g} m, got {int(count[thin][0])}: increase the logging rate"
         )
     return values
 
@@ -381,21 +384,21 @@ def _local_lines(
 
 
 def _local_mean(x: np.ndarray, y: np.ndarray, at: np.ndarray, width: float) -> np.ndarray:
-    """Mean of the values within `width` of each position."""
+    """Return the mean of the values within `width` of each position."""
     order = np.argsort(x, kind="stable")
     total, n = _window_sums(np.stack([y[order], np.ones_like(x)]), x[order], at, width)
     return total / n
 
 
 def _window_sums(columns: np.ndarray, x: np.ndarray, at: np.ndarray, width: float) -> np.ndarray:
-    """Sums of columns over the rows whose x (increasing) is within `width` of each position."""
+    """Return sums of columns over the rows whose x (increasing) is within `width` of each position."""
     sums = np.concatenate([np.zeros((len(columns), 1)), np.cumsum(columns, axis=1)], axis=1)
     low, high = (np.searchsorted(x, at + side * 1.0001 * width) for side in (-1, 1))
     return sums[:, high] - sums[:, low]
 
 
 def _free_contraction(record: IsobaricRecord, rows: slice) -> float:
-    """Contraction at which the force vanishes on a shortening branch, at most a step beyond its end."""
+    """Return the contraction at zero force on a shortening branch, at most a step beyond its end."""
     at, step = np.linspace(record.length[rows].max(), record.length[rows].min(), GRID, retstep=True)
     curve = _curve(record, "force", rows, at)
     fallen = np.flatnonzero(curve <= 0)
@@ -409,7 +412,7 @@ def _free_contraction(record: IsobaricRecord, rows: slice) -> float:
 
 
 def _held_force(record: IsobaricRecord, set_pressure: float, start: int) -> np.ndarray:
-    """Forces in the second half of the hold before a stroke, at most two seconds of it."""
+    """Return the forces in the second half of the hold before a stroke, at most its last two seconds."""
     stop = start + 1
     length = record.length[:stop]
     near = np.abs(length - record.rest_length) <= _AT_REST * record.rest_length
@@ -434,7 +437,7 @@ def write_dataset(
 ) -> Path:
     """Write pressure, length and force in SI as a force map, with the specimen as comments.
 
-    The map holds the mean force of both branches at 30 lengths common to all isobars, with the pressure
+    The map contains the mean force of both branches at 30 lengths common to all isobars, with the pressure
     measured there and its scatter. The fraction `TURN` at either end of the stroke is left out. Forces
     <= 0 are kept, since they show where the muscle is slack.
 

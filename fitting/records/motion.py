@@ -1,4 +1,4 @@
-"""Synchronise the camera's clock with the test machine's by the motion that both have recorded."""
+"""Synchronise the camera's clock with the test machine's, using the motion that both recorded."""
 
 from dataclasses import dataclass
 
@@ -69,12 +69,12 @@ class Synchronisation:
         return float(np.sqrt(self.covariance[1, 1]))
 
     def log_time(self, time: np.ndarray) -> np.ndarray:
-        """Machine time of camera times [s]."""
+        """Convert camera times [s] to machine times [s]."""
         time = np.asarray(time, float)
         return time + self.offset + (self.rate - 1) * (time - self.reference)
 
     def log_time_stderr(self, time: np.ndarray) -> np.ndarray:
-        """Standard error of the machine time [s], from offset and rate together."""
+        """Return the standard error of the machine time [s], from offset and rate together."""
         lever = np.stack([np.ones_like(time, float), np.asarray(time, float) - self.reference])
         return np.sqrt(np.einsum("it,ij,jt->t", lever, self.covariance, lever))
 
@@ -83,7 +83,7 @@ class Synchronisation:
 class _Motion:
     """Times t [s] and lengths y [m] of pictures, and the machine's log.
 
-    The model is y = a + sense x(t + offset + drift (t - mean t)), x the displacement.
+    The model is y = a + sense x(t + offset + drift (t - mean t)), where x is the displacement.
     """
 
     t: np.ndarray
@@ -96,17 +96,17 @@ class _Motion:
         return float(np.sum((self.y - self.y.mean()) ** 2))
 
     def at(self, offset: float, drift: float = 0.0) -> np.ndarray:
-        """Machine time of each picture."""
+        """Return the machine time of each picture."""
         return self.t + offset + drift * (self.t - self.t.mean())
 
     def moved(self, at: np.ndarray) -> np.ndarray:
-        """The machine's displacement [m] at its times."""
+        """Return the machine's displacement [m] at machine times."""
         return np.interp(at, self.log.time, self.log.displacement)
 
     def known(self, at: np.ndarray) -> np.ndarray:
-        """True at times with a known position: within the log, or outside it if the machine stood still.
+        """Return True at times with a known position: within the log, or outside if the machine is at rest.
 
-        The machine is at rest before (after) the log if it is over the first (last) hundredth of it.
+        The machine is taken to be at rest before (after) the log if it is so over its first (last) 1 %.
         """
         first, last = self.log.time[0], self.log.time[-1]
         little = 0.01 * (last - first)
@@ -134,7 +134,7 @@ def synchronise(
     length_stderr: float = 0.0,
     near: tuple[float, float] | None = None,
 ) -> Synchronisation:
-    """Fit offset and rate of the machine's clock against the camera's, for a stiff rig.
+    """Fit offset and rate of the machine's clock relative to the camera's, for a stiff rig.
 
     Fits length_i = a -+ x(t_i + offset + (rate - 1)(t_i - reference)) by least squares over offset, rate
     and a, where x is the logged displacement, constant before and after the log if the machine was at
@@ -155,7 +155,7 @@ def synchronise(
 
     Raises:
         SyncError: there are too few pictures, no overlap or no motion; the motion does not determine the
-            offset (a single straight ramp) or determines several; or the lengths do not follow the
+            offset (a single straight ramp) or is consistent with several; or the lengths do not follow the
             displacement.
     """
     time, length = np.asarray(time, float), np.asarray(length, float)
@@ -164,13 +164,13 @@ def synchronise(
     t = seen.t
     if len(t) < _FEWEST or np.ptp(t) == 0:
         raise SyncError(
-            f"{log.source}: the clocks need at least {_FEWEST} measured pictures with time stamps that "
-            f"differ, got {len(t)}"
+            f"{log.source}: synchronisation needs at least {_FEWEST} measured pictures with different time "
+            f"stamps, got {len(t)}"
         )
     if np.ptp(log.displacement) == 0 or np.ptp(seen.y) == 0:
         raise SyncError(
             f"{log.source}: there is no motion to align: displacement or length is constant; photograph "
-            "a stroke with the log running"
+            "a stroke while the log is running"
         )
     best, *others = _search(_offsets(seen, near), seen)
     found = _checked(best, seen, length_stderr)
@@ -215,7 +215,7 @@ def _search(offsets: np.ndarray, seen: _Motion) -> list[_Fit]:
 
 
 def _scores(offsets: np.ndarray, seen: _Motion, sense: int) -> np.ndarray:
-    """Sum of squares at each offset, with the best a; pictures outside the log count in full."""
+    """Return the sum of squares at each offset, with the best a; pictures outside the log count in full."""
     n = len(seen.t)
     few = np.unique(np.linspace(0, n - 1, min(n, _PICTURES)).round().astype(int))
     at, y = offsets[:, None] + seen.t[few], seen.y[few]
@@ -271,11 +271,11 @@ def _checked(fit: _Fit, seen: _Motion, length_stderr: float) -> Synchronisation:
     explained = 1 - float(np.sum(residual**2)) / total if len(t) else 0.0
     if len(t) < _FEWEST or explained < _EXPLAINED:
         raise OtherMotion(
-            f"{log.source}: the lengths do not follow the displacement: at the best offset "
-            f"{fit.offset:.4g} s it explains {max(explained, 0):.0%} of their variance in {len(t)} "
+            f"{log.source}: the lengths do not follow the displacement: at the best offset, "
+            f"{fit.offset:.4g} s, it explains {max(explained, 0):.0%} of their variance in {len(t)} "
             f"pictures, and must explain {_EXPLAINED:.0%} in at least {_FEWEST}. The lengths change by "
             f"{np.ptp(y) if len(y) else 0:.4g} m, the displacement by {np.ptp(log.displacement):.4g} m: "
-            "check that this is the log of these pictures, and the unit of the displacement",
+            "check that the log belongs to these pictures, and check the unit of the displacement",
             max(explained, 0.0),
         )
     # The speed is averaged over the spacing of the pictures.
@@ -289,9 +289,9 @@ def _checked(fit: _Fit, seen: _Motion, length_stderr: float) -> Synchronisation:
     stderr, fastest, stroke = float(np.sqrt(covariance[0, 0])), np.abs(speed).max(), np.ptp(x)
     if not stderr * fastest <= _BLUR * stroke:
         raise SyncError(
-            f"{log.source}: the motion does not fix the offset of the clocks: its standard error is "
+            f"{log.source}: the motion does not determine the clock offset: its standard error is "
             f"{stderr:.3g} s, at {fastest:.3g} m/s more than {_BLUR:.0%} of the stroke of {stroke:.3g} m. "
-            "Photograph a turn or a stop of the machine, not a straight ramp alone"
+            "Photograph a reversal or a stop of the machine, not just a straight ramp"
         )
     return Synchronisation(
         offset=fit.offset,

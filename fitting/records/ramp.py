@@ -126,7 +126,7 @@ def find_staircase(pressure: Column, time: Column) -> Staircase | None:
     """Find the holds of a record; None if the pressure does not change in regular pulses.
 
     The pressure moves at a reading if it changes over two readings by more than 1 % of its range and by
-    more than noise explains. The period is the lag of the highest autocorrelation peak of moving
+    more than noise explains. The period is the lag of the highest peak in the autocorrelation of moving
     readings. A pulse is the first moving reading after a quarter period without motion. The time
     between two pulses is one hold, or several equal ones if a pulse had no effect.
 
@@ -162,7 +162,7 @@ def find_staircase(pressure: Column, time: Column) -> Staircase | None:
 
 
 def _period(moving: Float[np.ndarray, " m"], time: Column) -> float | None:
-    """Lag [s] of the highest autocorrelation peak of moving readings; None if it is low."""
+    """Return the lag [s] of the highest autocorrelation peak of moving readings; None if it is low."""
     from scipy.signal import correlate  # noqa: PLC0415 -- 0.2 s
 
     n = time.size
@@ -194,11 +194,11 @@ class QuasiStatic:
             `slack_below`, shape (n,).
         settled: True if the pressure drift is within the limit, shape (n,).
         records: the records.
-        atmosphere: pressure reading at atmosphere [Pa].
+        atmosphere: reading at atmospheric pressure [Pa].
         kinds: "staircase" or "ramp" for each record.
         periods: time between valve pulses [s] of each record; nan for a ramp.
         n_short: number of holds with too few readings in each record.
-        clamp: smallest force [N] that the sensor can show, or None if it is not clamped.
+        clamp: smallest force [N] that the sensor can indicate, or None if it is not clamped.
         slack_below: force [N] below which a point is slack.
     """
 
@@ -240,7 +240,7 @@ def quasi_static(
 
     Args:
         records: records from one sensor, each at constant length.
-        atmosphere: pressure reading at atmosphere [Pa], which is subtracted.
+        atmosphere: reading at atmospheric pressure [Pa], which is subtracted.
         slack_below: force [N] below which a muscle does not pull; None uses six standard deviations of
             the noise above zero or above the clamp, whichever is higher.
 
@@ -249,7 +249,7 @@ def quasi_static(
 
     Raises:
         InputError: there are no records or no points, holds have too few readings, or pressures are far
-            below the atmosphere.
+            below the reading at atmospheric pressure.
     """
     if not records:
         raise InputError("quasi_static needs at least one record, got none")
@@ -288,8 +288,8 @@ def _holds(record: RampRecord, zero: float, stair: Staircase) -> Points:
     holds = [rows for rows in stair.rows(record.time) if rows.size >= LEAST_READINGS]
     if not holds:
         raise InputError(
-            f"{record.source} has fewer than {LEAST_READINGS} readings in the part {_PART} of its "
-            f"{stair.period:.4g} s holds: record faster"
+            f"{record.source} has fewer than {LEAST_READINGS} readings in the fraction {_PART} of each "
+            f"{stair.period:.4g} s hold: sample faster"
         )
     pressures, forces = record.pressure, record.force
     step, fine = _resolution(forces), _resolution(pressures)
@@ -312,17 +312,17 @@ def _holds(record: RampRecord, zero: float, stair: Staircase) -> Points:
 
 
 def _resolution(values: Column) -> float:
-    """Resolution of the sensor: the smallest difference between two readings."""
+    """Return the resolution of the sensor: the smallest difference between two readings."""
     return float(np.diff(np.unique(values)).min(initial=np.inf)) if np.ptp(values) > 0 else 0.0
 
 
 def _median(values: Column, step: float) -> float:
-    """Median, interpolated within the resolution of the sensor."""
+    """Return the median, interpolated within the resolution of the sensor."""
     return statistics.median_grouped(values.tolist(), step)
 
 
 def _drift(t: Column, values: Column) -> float:
-    """Linear change of the values over the time span."""
+    """Return the linear change of the values over the time span."""
     late = t - t.mean()
     return float(late @ values / (late @ late) * np.ptp(t)) if np.ptp(t) > 0 else 0.0
 
@@ -371,15 +371,15 @@ def _bins(record: RampRecord, zero: float) -> Points:
 
 
 def _check_atmosphere(record: RampRecord, atmosphere: float) -> None:
-    """Refuse a reading at atmosphere that is not finite or far above the lowest pressures."""
+    """Reject a reading at atmospheric pressure that is not finite or far above the lowest pressures."""
     if not np.isfinite(atmosphere):
-        raise InputError(f"the reading at atmosphere must be finite, got {atmosphere} Pa")
+        raise InputError(f"the reading at atmospheric pressure must be finite, got {atmosphere} Pa")
     low = float(np.sort(record.pressure)[:LEAST_READINGS].max())  # ignore single glitches
     if low < atmosphere - _VACUUM * np.ptp(record.pressure):
         raise InputError(
-            f"{record.source} reads down to {low / 1e3:.4g} kPa, far below the stated reading at "
-            f"atmosphere, {atmosphere / 1e3:.4g} kPa: give the reading of the vented muscle (0kPa for a "
-            "zeroed gauge)"
+            f"the lowest pressure in {record.source}, {low / 1e3:.4g} kPa, is far below the stated reading "
+            f"at atmospheric pressure, {atmosphere / 1e3:.4g} kPa: give the reading for the vented muscle "
+            "(0kPa for a zeroed gauge)"
         )
 
 

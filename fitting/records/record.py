@@ -42,7 +42,7 @@ def checked_columns(
     if len(sizes) != 1 or len(next(iter(sizes))) != 1:
         shapes = ", ".join(f"{name} of shape {values.shape}" for name, values in known.items())
         raise InputError(
-            f"all columns of a record must be one-dimensional and equally long; got {shapes}"
+            f"all columns of a record must be one-dimensional and of equal length; got {shapes}"
         )
     if (count := next(iter(sizes))[0]) < least:
         raise InputError(f"a record needs at least {least} readings, got {count}")
@@ -70,7 +70,7 @@ def set_columns(record: Any, *names: str, least: int = 3) -> None:
 
 
 def check_positive(**values: float | int) -> None:
-    """Refuse values that are not positive and finite.
+    """Reject values that are not positive and finite.
 
     Raises:
         InputError: a value is invalid; the message names it.
@@ -90,7 +90,7 @@ class MachineLog:
         force: forces [N] with the machine's sign, shape (n,), or None.
         pressure: gauge pressures [Pa], shape (n,), or None.
         others: other numeric columns by name, unconverted.
-        missing_rows: number of rows that are missing between others; they are not filled.
+        missing_rows: number of rows missing between others; they are not filled in.
         unread: line numbers of rows with cells that are not numbers.
         source: name of the file.
         sha256: hash of the file.
@@ -112,8 +112,8 @@ class MachineLog:
         set_columns(self, *_CHANNELS, least=2)
         if np.any(np.diff(self.time) <= 0):
             raise InputError(
-                f"{self.source}: time must rise from row to row: sort the log, or remove what was "
-                "recorded twice"
+                f"{self.source}: time must increase from row to row: sort the log, or remove rows that "
+                "were recorded twice"
             )
 
     def channel(self, name: str) -> np.ndarray:
@@ -258,7 +258,7 @@ def split_branches(
 
 
 def noise_of(values: Column) -> float:
-    """Standard deviation of white noise on a smooth signal, by the median second difference."""
+    """Return the standard deviation of white noise on a smooth signal, from second differences."""
     return float(np.median(np.abs(np.diff(values, 2))) / (0.6745 * np.sqrt(6.0)))
 
 

@@ -1,4 +1,4 @@
-/* Guards, controller, commands, records. Text and numbers are in famrig_text.c. */
+/* Guards, controller, commands and records. famrig_text.c handles text and numbers. */
 #include "famrig_core.h"
 #include "famrig_plausibility.h"
 #include "famrig_text.h"

@@ -1,4 +1,4 @@
-/* The device without its hardware: portable C99, integer arithmetic only, no registers and no clock.
+/* The device without its hardware: portable C99 with integer arithmetic only, no registers and no clock.
  *
  * A port calls famrig_step once per 2 ms tick with the counts of its converter, sets its output and
  * its pins immediately, then calls famrig_serve and famrig_release. README.md describes the protocol;
@@ -71,7 +71,7 @@ typedef struct {
 /* State that survives a reset: the latched trip and the board number. A port stores it in non-volatile
  * memory. */
 typedef struct {
-    uint8_t fault;                 /* fault of FR_TRIP; with any other value nothing is latched */
+    uint8_t fault;                 /* fault that led to FR_TRIP; with any other value nothing is latched */
     uint8_t output;                /* PWM counts before the trip */
     uint16_t count;                /* reading that caused the trip */
     uint16_t board;                /* 1 to 65534; 0, or 65535 in a blank memory, if there is none */
@@ -127,8 +127,8 @@ typedef struct {
     fr_record ring[FR_RING];
 } famrig;
 
-/* Starts with the output off, in TRIP if a trip is latched. `boot` is the stored counter on entry and the
- * new counter, to be stored, on return. A port also stores `latch` whenever it has changed. */
+/* Starts with the output off, in TRIP if a trip is latched. `boot` is the stored counter; on return,
+ * d->boot is the new counter, to be stored. A port also stores d->latch whenever it has changed. */
 void famrig_reset(famrig *d, uint8_t cause, uint16_t boot, fr_latch latch);
 
 /* Receives a byte. May interrupt everything except itself and famrig_mark. */
@@ -137,10 +137,10 @@ void famrig_receive(famrig *d, uint8_t byte);
 /* Begins a tick; bytes that arrive from now on belong to the next tick. */
 void famrig_mark(famrig *d);
 
-/* Ticks without a step. */
+/* Counts ticks that passed without a step. */
 void famrig_late(famrig *d, uint8_t ticks);
 
-/* Guards and controller. Sets output, state, sync. */
+/* Runs the guards and the controller. Sets output, state and sync. */
 void famrig_step(famrig *d, uint16_t pressure, uint16_t force);
 
 /* Reads at most one line, and writes at most one line and a record. */
@@ -149,7 +149,7 @@ void famrig_serve(famrig *d);
 /* Releases the bytes of this tick, fewer if the line lags behind. famrig_next must not interrupt. */
 void famrig_release(famrig *d);
 
-/* The next byte to send, or -1. */
+/* Returns the next byte to send, or -1. */
 int16_t famrig_next(famrig *d);
 
 static inline bool famrig_dump_open(const famrig *d)

@@ -1,5 +1,5 @@
 /* Plausibility of the readings: a live reading varies at rest and follows the output, a frozen one does
- * not. README.md gives the reasons. rig/controller.py is the same in Python. */
+ * not. README.md gives the reasons. rig/controller.py does the same in Python. */
 #include "famrig_plausibility.h"
 
 #define ONE_COUNT INT32_C(32768) /* one PWM count, in units of the integral */

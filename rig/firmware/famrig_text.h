@@ -1,4 +1,4 @@
-/* Lines of the core: reads words and numbers, writes fields and a CRC. */
+/* Lines of text for the core: reads words and numbers, writes fields and a CRC. */
 #ifndef FAMRIG_TEXT_H
 #define FAMRIG_TEXT_H
 

@@ -1,6 +1,6 @@
 /* Registers of the ATmega328P at 16 MHz (Arduino Uno, Nano). The wiring is in README.md.
  *
- * Timer 1 makes the tick and starts the conversions. Timer 0 makes the PWM. The watchdog resets a
+ * Timer 1 generates the tick and starts the conversions. Timer 0 generates the PWM. The watchdog resets a
  * program that has not finished a tick for 250 ms. This program does not use the Arduino core. */
 #ifndef __AVR_ATmega328P__
 #error "this port is for the ATmega328P; the core takes another one: see famrig_core.h"

@@ -13,7 +13,7 @@ EXACT = 1e-12
 L0 = 9.28125
 # What differs by more than its tolerance; examples/chambers2021/notes.py says why of each.
 OUT = {
-    ("6, thickness", "estimated elastic, least bladder thickness of the 100 psi test"),
+    ("6, thickness", "estimated elastic, smallest bladder thickness in the 100 psi test"),
     ("7.4", "optimised law as printed, mean |free contraction error|"),
 }
 MISPRINTS = 7  # marked in the reference file: w and b_1 of table 4.3, a total of table 7.6
@@ -55,7 +55,7 @@ def test_a_tolerance_is_half_the_last_digit_and_what_is_named(loaded):
         assert beside("1", "x", 1.0, "in", key).tolerance == pytest.approx(half, rel=EXACT)
         wide = beside("1", "x", 1.0, "in", key, 0.25, "a quarter")
         assert wide.tolerance == pytest.approx(half + 0.25, rel=EXACT)
-        assert wide.reason == "half a unit of the last digit, and a quarter"
+        assert wide.reason == "half a unit in the last digit, and a quarter"
     assert beside("1", "x", 72.05, "deg", "braid_angle_table.braid_2p0.1").published == 72.0
 
 

@@ -89,8 +89,8 @@ def test_states_that_cannot_be_say_why(muscle):
     from famjax.equilibrium import REASONS
 
     cases = {
-        (5.4, 100.0): "overhangs", (11.0, 100.0): "straight threads", (-1.0, 50.0): "straight threads",
-        (9.0, 0.0): "compression", (8.0, 1.0): "compression", (9.88, 50.0): "no bore",
+        (5.4, 100.0): "overhangs", (11.0, 100.0): "straight-thread", (-1.0, 50.0): "straight-thread",
+        (9.0, 0.0): "compression", (8.0, 1.0): "compression", (9.88, 50.0): "bore is closed",
         (9.0, np.nan): "not finite", (9.28, 100.0): "",
     }  # fmt: skip
     length, pressure = np.array([*cases]).T

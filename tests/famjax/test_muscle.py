@@ -330,18 +330,18 @@ def test_a_batch_of_muscles_is_refused_and_mapped_instead():
     deadbands = jnp.array([0.0, 3.0])
     for make in (force, jax.jit(force)):
         with pytest.raises(
-            ValueError, match=r"an instance is one muscle: Muscle\.terms\.terms\[1\]\.dead"
+            ValueError, match=r"an instance represents one muscle: Muscle\.terms\.terms\[1\]\.dead"
         ):
             make(deadbands)
     each = [float(force(deadband)) for deadband in deadbands]
     np.testing.assert_allclose(jax.vmap(force)(deadbands), each, rtol=EXACT)
     geometry = famjax.EstimatedGeometry(INELASTIC, famjax.Bladder(jnp.full(3, L0), 0.875, 0.0625))
-    with pytest.raises(ValueError, match=r"with jax\.vmap or equinox\.filter_vmap"):
+    with pytest.raises(ValueError, match=r"apply jax\.vmap or equinox\.filter_vmap"):
         famjax.Muscle(geometry, LATEX)
     muscles = eqx.filter_vmap(lambda P_d: famjax.Muscle(CYLINDER, LATEX, P_d))(deadbands)
     got = eqx.filter_vmap(lambda muscle: muscle.force(9.0, P))(muscles)
     np.testing.assert_allclose(got, each, rtol=EXACT)
-    with pytest.raises(ValueError, match="an instance is one muscle"):
+    with pytest.raises(ValueError, match="an instance represents one muscle"):
         muscles.force(9.0, P)
 
 

@@ -285,7 +285,7 @@ def test_a_regulated_plant_holds_its_set_pressure_through_a_stroke():
         (lambda: Plant(PneumaticCircuit(), LinearMcKibben(rest_length=0.3)).start(),
          "must hold fluid where the plant starts"),
         (lambda: simulate(Plant(PneumaticCircuit(), LinearMcKibben()), Command(0.5), TICK),
-         "one value for each"),
+         "one value per step"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_refused(make, match):

@@ -128,7 +128,7 @@ def test_readings_known_well_do_not_outweigh_what_the_law_is_good_for(dmsp20):
 
 def test_one_length_determines_no_family(dmsp20):
     one = dmsp20.part(dmsp20.lengths.level >= 0.29)
-    with pytest.raises(InputError, match="two lengths or more"):
+    with pytest.raises(InputError, match="two or more lengths"):
         choose(one)
 
 

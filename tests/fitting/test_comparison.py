@@ -98,7 +98,7 @@ def test_bad_requests_are_refused(dmsp10, monkeypatch):
     with pytest.raises(InputError, match="starts must be a whole number >= 1, got 0"):
         fit_peer("hildebrandt", dmsp10, starts=0)
     inches = dataclasses.replace(dmsp10, length=dmsp10.length * 2.54)
-    with pytest.raises(InputError, match="has the length 635 mm, too long for a braid"):
+    with pytest.raises(InputError, match="has a length of 635 mm, too long for a braid"):
         fit_peer("hildebrandt", inches)
     few = dmsp10.part(dmsp10.pressure > 6.4e5)
     with pytest.raises(InputError, match="has 8 parameters, but the map has 4 loaded readings"):

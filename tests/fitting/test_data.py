@@ -65,7 +65,7 @@ def test_specimen_lines_and_overrides(map_file):
     [
         ("force_N", "torque_Nm", "no column for force; the table has pressure_kPa, length_mm, torque_Nm"),
         ("length_mm,", "", "line 2 has 3 numbers under 2 names"),
-        ("length_mm", "force_kN", "2 columns for force .force_kN, force_N.: say which, --column force="),
+        ("length_mm", "force_kN", "2 columns match force .force_kN, force_N.: choose one with --column"),
         ("100,300,", "100,300mm,", "row 2: length is '300mm', not a number"),
         ("100,300,", "100,,", "row 2: length is missing; remove the row, or write the reading"),
         ("100,300,", "100,nan,", "row 2: length is 'nan', not a number"),
@@ -79,7 +79,7 @@ def test_specimen_lines_and_overrides(map_file):
         ("length_mm", "contraction", "contractions require the rest length"),
         ("pressure", "# specimen: rest_lenght_mm = 3\npressure", "unknown specimen.*'rest_lenght_mm'"),
         ("pressure", "# specimen: rest_length_mm = x\npressure", "not a number"),
-        ("pressure", "# specimen: rest_length_mm = 3,5\npressure", "write a decimal point"),
+        ("pressure", "# specimen: rest_length_mm = 3,5\npressure", "use a decimal point"),
         ("pressure", "# specimen: embedded = maybe\npressure", "true or false"),
         ("pressure", "# specimen: rest_length_mm = -3\npressure", "must be a positive length"),
         ("pressure", "# level: pressure_kPa = 5\npressure", "must read pressure_tolerance_kPa = 5"),
@@ -128,8 +128,8 @@ def test_contractions_are_lengths_of_the_rest_length(map_file, tmp_path):
         (None, "no such file"),
         (b"", "the file is empty"),
         (b"pressure_kPa,length_mm,force_N\n", "no readings"),
-        (b"\0" * 500, "it is not a text file"),
-        (b"\xff\xfe\x00pressure", "it is not a text file"),
+        (b"\0" * 500, "this is not a text file"),
+        (b"\xff\xfe\x00pressure", "this is not a text file"),
     ],
 )
 def test_files_that_are_no_map(tmp_path, content, message):

@@ -107,7 +107,7 @@ def test_photographs_and_force_are_fitted_together(data, fit, tmp_path):
         ({"ends": "round"}, "ends must be one of cylinder, equilibrium"),
         ({"terms": famjax.terms.VirtualWork()}, "combined with terms"),
         ({"ends": "cylinder", "pictures": 1e5}, "only if ends='equilibrium'"),
-        ({"pictures": np.nan}, "every photograph needs its pressure"),
+        ({"pictures": np.nan}, "every photograph needs a pressure"),
     ],
 )
 def test_what_does_not_go_with_it(data, options, words):

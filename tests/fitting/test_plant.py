@@ -84,8 +84,8 @@ GOOD = PlantRecord(TIME, 0.5 + 0.2 * (TIME > 1), 1e4 * TIME, np.full(TIME.size, 
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"signal": np.full(TIME.size, 0.5)}, "A set pressure is not a signal"),
-        ({"signal": GOOD.signal * 5}, "0 to 1 of the full output"),
+        ({"signal": np.full(TIME.size, 0.5)}, "A set pressure is not such a signal"),
+        ({"signal": GOOD.signal * 5}, "must vary between 0 and 1"),
         ({"time": TIME**2}, "equal steps"),
         ({"force": np.full(TIME.size, np.nan)}, "force must be finite"),
         ({"pressure": GOOD.pressure + 101e3}, "subtract the atmospheric pressure"),

@@ -169,7 +169,7 @@ def test_ridge_at_a_bound(posterior, measured):
 
 
 def test_refusals(measured):
-    with pytest.raises(fitting.InputError, match="noise must be one standard deviation > 0"):
+    with pytest.raises(fitting.InputError, match="noise must be a standard deviation > 0"):
         fitting.sample(measured, noise=-1.0)
     with pytest.raises(fitting.InputError, match="draws must be a whole number >= 4, got 1"):
         fitting.sample(measured, draws=1)

@@ -82,15 +82,15 @@ def test_why_a_state_is_not_inside_and_that_nothing_is_said_beyond_the_braid(fac
     longest, lock = (REST + (at - REST) / factor for at in (THREAD, THREAD / np.sqrt(3)))
     closed = float(one.length_range()[1])
     for length, pressure, why in (
-        (0.27, 3e5, None), (0.27, 7e5, "the pressure is beyond the measured 0 kPa to 600 kPa"),
-        (1.001 * lock, 3e5, "the length is beyond the measured 230 mm to 290 mm"),
+        (0.27, 3e5, None), (0.27, 7e5, "the pressure is outside the measured range, 0 kPa to 600 kPa"),
+        (1.001 * lock, 3e5, "the length is outside the measured range, 230 mm to 290 mm"),
     ):  # fmt: skip
         (row,) = predict(fit, np.array([length]), np.array([pressure]))
         assert (row["outside"], row["inside"]) == (why, why is None)
     for length, why in (
-        (0.2 * REST, "below the braid's lock"), (0.999 * lock, "below the braid's lock at the neutral"),
+        (0.2 * REST, "the braid locks"), (0.999 * lock, "the braid locks (neutral angle)"),
         (closed + 1e-4, "closes the bladder's bore"), (closed - 1e-4, "over 10 times the largest measured"),
-        (1.001 * longest, f"the length is beyond the thread's, {longest * 1e3:.4g} mm"),
+        (1.001 * longest, f"the length exceeds that of the threads, {longest * 1e3:.4g} mm"),
     ):  # fmt: skip
         (row,) = predict(fit, np.array([length]), np.array([3e5]))
         assert why in row["outside"], length
@@ -99,7 +99,7 @@ def test_why_a_state_is_not_inside_and_that_nothing_is_said_beyond_the_braid(fac
     found, beyond = predict(fit, np.array([0.27, 0.4]), np.array([]), onset=True)
     expected = float(one.onset_pressure(0.27, 6e5))
     assert found["onset_pressure_Pa"] == pytest.approx(expected, rel=1e-9)
-    assert "beyond the thread's" in beyond["outside"]
+    assert "exceeds that of the threads" in beyond["outside"]
 
 
 def test_a_force_is_turned_into_its_pressure_and_back():
@@ -114,7 +114,7 @@ def test_a_force_is_turned_into_its_pressure_and_back():
         (back,) = predict(one, np.array([row["length_m"]]), np.array([row["pressure_Pa"]]))
         assert back["force_N"] == pytest.approx(row["force_N"], abs=1e-6)
     for length, force, words in (([], [1.0], "one of each"), ([-1.0], [1.0], "> 0"),
-                                 ([0.25], [-1.0], "only pulls")):  # fmt: skip
+                                 ([0.25], [-1.0], "can only pull")):  # fmt: skip
         with pytest.raises(famjax.boundary.errors.InputError, match=words):
             pressures_for(one, np.array(length), np.array(force))
 
@@ -224,7 +224,7 @@ def test_a_length_left_out_lies_in_its_band(
 @pytest.mark.slow
 def test_a_band_grows_with_the_distance_and_says_what_it_covers(without_a_length, tmp_path, said):
     told = said("fit", without_a_length, "--law", "ogden", "--output", tmp_path, "--verbose")
-    assert "The 95 % bands of predictions cover single readings" in told
+    assert "The 95 % prediction bands cover single readings" in told
     states = "--length", "280mm,225mm,340mm,100mm", "--pressure", "500kPa,900kPa"
     found = json.loads(said("predict", tmp_path / "fit.json", *states, "--json"))
     rows = {(row["length_m"], row["pressure_Pa"]): row for row in found}

@@ -56,7 +56,7 @@ def test_the_report_is_one_page_that_says_where_it_comes_from_and_what_was_measu
     for needed in (
         "braid_diameter", "Drucker stability margin", "at a bound", "sigma = sum over n of E_n sign(eps)",
         fitted20.data.sha256, ORIGIN.date, ORIGIN.command, f"seed {fitted20.seed}",
-        "rest length 11.654 in", "126 readings, 60 of them pulling",
+        "rest length 11.654 in", "126 readings, 60 of them loaded",
     ):  # fmt: skip
         assert needed in text
     captions = re.findall(r'<p class="caption">(.*?)</p>', page)
@@ -96,7 +96,7 @@ def test_damaged_fits_are_refused_when_they_are_read(fitted20, tmp_path, spoil, 
 
 @pytest.mark.parametrize(
     ("content", "message"),
-    [(None, "cannot read"), ("{", "is not a JSON file"), ("{}", "must be a fit of schema 'famjax-fit/2'")],
+    [(None, "cannot read"), ("{", "is not a JSON file"), ("{}", "a fit with schema 'famjax-fit/2'")],
 )  # fmt: skip
 def test_files_that_are_no_fit(tmp_path, content, message):
     if content:

@@ -130,7 +130,7 @@ def test_the_saved_series_predicts_the_same(series, saved):
         ((0.1,), {}, "at least two specimens, got 1"),
         ((0.1, 0.2), {"laws": ("spam",)}, "the law must be one of polynomial"),
         ((0.1, 0.2), {"laws": ()}, "needs a law, such as linear"),
-        ((0.1, 0.2), {"laws": ("linear", "linear")}, "must be given once: got one of .*linear.* twice"),
+        ((0.1, 0.2), {"laws": ("linear", "linear")}, "given only once: got one of .*linear.* twice"),
         ((0.1, 0.1), {}, "contain no information on other"),
         ((0.1, 0.2), {"parameters": {"rest_length": Parameter()}}, "rest_length cannot be shared"),
         ((0.1, 0.2), {"parameters": {"end_length": Parameter(), "end_factor": Parameter()}},

@@ -77,7 +77,7 @@ def test_force_from_photographs_is_that_of_the_true_profiles():
     error = force(found.geometry(SPECIMEN, braid=BRAID)) - true
     assert np.sqrt(np.mean(error**2)) < 1e-4 * true.max()
     assert found.pressures == pytest.approx((np.nan, np.nan), nan_ok=True)
-    assert "does not change with the pressure" in found.notes[-1]
+    assert "does not change with pressure" in found.notes[-1]
     assert not found.left_out
 
 
@@ -179,7 +179,7 @@ def fitted(run: Callable, folder: Path) -> Callable[..., tuple[int, str, str]]:
 def test_the_law_and_the_turns_come_back(folder, fitted):
     code, out, _ = fitted(folder / "measurements.nc")
     assert code == 0
-    assert "The shape is measured: 120 pictures from 153.5 to" in out
+    assert "The shape is measured in 120 pictures at lengths from 153.5 to" in out
     found = json.loads((folder / "out" / "fit.json").read_text())["parameters"]
     assert found["turns"]["value"] == pytest.approx(float(BRAID.turns), rel=1e-3)
     for name, true in zip(("E_1", "E_2", "E_3"), LAW, strict=True):

@@ -213,5 +213,5 @@ def test_two_muscles_in_one_file():
         for name in ("force", "pressure", "length")
     }
     found = causes(dataclasses.replace(one, **columns))
-    assert "there are two muscles in the file, one of them" in found
+    assert "the file contains two muscles, one of them" in found
     assert f"reading {one.force.size}" in found or f"reading {one.force.size + 1}" in found

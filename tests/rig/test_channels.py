@@ -56,7 +56,7 @@ def cell(limit_psi):
 def test_exchanged_channels_are_refused_before_5_psi(sensor, set_psi, limit_psi):
     sim = Watched(device=exchanged(), force_sensor=sensor)
     limit = limit_psi * PSI
-    with pytest.raises(RigError, match="exchanged"), opened(sim, pressure_limit=limit) as rig:
+    with pytest.raises(RigError, match="swapped"), opened(sim, pressure_limit=limit) as rig:
         rig.set_pressure(set_psi * PSI)
     assert sim.peak < 5
     assert sim.device.state == SAFE
@@ -108,8 +108,8 @@ VENT = "with the dump valve open: it is stuck"
 @pytest.mark.parametrize(
     ("parts", "kind", "words"),
     [
-        ({"circuit": PneumaticCircuit(supply=1.0)}, RigError, "moved neither pressure nor load"),
-        ({"circuit": HydraulicCircuit(displacement=1e-12)}, RigError, "moved neither pressure"),
+        ({"circuit": PneumaticCircuit(supply=1.0)}, RigError, "changed neither pressure nor load"),
+        ({"circuit": HydraulicCircuit(displacement=1e-12)}, RigError, "changed neither pressure"),
         ({"device": Deaf()}, RigFault, "did not accept its settings: silence 5000 not 500"),
         *[({"device": stuck(psi)}, RigError, VENT) for psi in (-12.0, 4.0, 37.0)],
         ({"device": Wired(lambda p, _: (p, 0))}, RigError, "cell reads 0 counts with the dump"),

@@ -80,7 +80,7 @@ def test_check_recomputes_every_record_and_finds_what_was_edited(simulated, path
     at, line = next((k, x) for k, x in enumerate(lines) if k > 2000 and x.startswith(b"T,"))
     path.write_bytes(b"\n".join([*lines[:at], line.replace(b",", b";"), *lines[at + 1 :]]))
     code, out, _ = command("check", path)
-    lost = f"NOT sound: the file lost 1 records; {len(line) + 1} bytes are damaged"
+    lost = f"NOT sound: records missing from the file: 1; {len(line) + 1} bytes are damaged"
     assert (code, lost in out) == (1, True)
 
 
@@ -117,7 +117,7 @@ def test_a_calibration_is_made_one_sensor_after_the_other(tmp_path, command):
 @pytest.mark.parametrize(
     ("counts", "message"),
     [
-        ([509, 1329, 2148], "must have one shape"),
+        ([509, 1329, 2148], "must have the same shape"),
         ([509, 1329, 2148, 5115], "the limit of the converter"),
         ([2967, 2148, 1329, 509], "gain must be > 0"),
         ([509, 2148, 509, 2148], "do not follow the references"),

@@ -71,7 +71,8 @@ def test_an_audit_sees_an_edited_figure(whole, path, column, by):
     assert found.checked - found.equal in {1, 2}  # the next one follows from the integral
     assert found.first_wrong == (0, int(fields[2]))
     assert (
-        f"records do not follow the control law, the first is record {fields[2]}" in found.faults[0]
+        f"records do not follow the control law, starting with record {fields[2]}"
+        in found.faults[0]
     )
 
 

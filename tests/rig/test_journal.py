@@ -134,7 +134,7 @@ def test_what_is_no_journal_is_refused(path):
     for content, words in (
         (b"time,pressure\n1,2\n", "is not a journal: none of its 18 bytes"),
         (frame('{"note":"journal","n":0,"at":0,"format":"famjax journal 9"}'),
-         "'famjax journal 9'; this reads 'famjax journal 1'"),
+         "'famjax journal 9'; this version reads 'famjax journal 1'"),
     ):  # fmt: skip
         path.write_bytes(content)
         with pytest.raises(RigError, match=words):

@@ -34,7 +34,7 @@ def meanwhile(act):
     ("how", "code", "words", "reason"),
     [  # whether the silence or a command without an answer is noticed first is a matter of load
         ("cable", 1, "check the pressure before you touch the rig",
-         "RigFault: (the device is silent for|.*the device did not answer for)"),
+         "RigFault: (the device has been silent for|.*the device did not answer for)"),
         pytest.param(
             "signal", 130, "has been vented", "KeyboardInterrupt",
             marks=pytest.mark.skipif(sys.platform == "win32", reason="needs SIGHUP"),

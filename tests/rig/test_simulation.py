@@ -154,7 +154,7 @@ def test_a_file_gives_back_the_same_numbers(tmp_path):
         ),
         ({"pressure": {"gain_psi_per_count": 1}, "force": {}}, "unknown key 'gain_psi_per_count'"),
         ({"pressure": {"gain_Pa_per_count": 0, "zero_counts": 0}, "force": {}}, "nonzero"),
-        ({"pressure": {}, "force": {}, "board": "a"}, "board must be a number of 0 to 65534"),
+        ({"pressure": {}, "force": {}, "board": "a"}, "board must be a number from 0 to 65534"),
     ],
 )
 def test_a_file_that_is_no_calibration_is_refused(content, message):

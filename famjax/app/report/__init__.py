@@ -1,1 +1,1 @@
-"""The report of a characterisation folder: a page and its figures, for a screen and for print."""
+"""The report on a characterisation folder: a page and its figures, for screen and print."""

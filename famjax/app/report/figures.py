@@ -1,4 +1,4 @@
-"""Figures of the report: each function draws one with its caption, or returns None."""
+"""Figures for the report: each function returns a figure with its caption, or None."""
 
 import glob
 from collections.abc import Mapping
@@ -27,7 +27,7 @@ STYLE: dict[Any, Any] = {
 LINES = dict(zip(GEOMETRIES, (
     ("0.35", "--"), ("0.65", "--"), ("#e69f00", "-."), ("#0072b2", "-"), ("#009e73", ":"),
 ), strict=True))  # fmt: skip
-"""Colours and dashes of the geometries; distinguishable with red-green blindness."""
+"""Line colour and dash style of each geometry; distinguishable with red-green colour blindness."""
 _PROFILES = 5
 _SHOWN = (900, 900)  # px, largest size of a photograph
 _CONTRACTION = "contraction $(L_0 - L)/L_0$"
@@ -51,14 +51,14 @@ def actuation(source: Source) -> Drawn:
     right.set(xlabel=_CONTRACTION, ylabel=f"model \N{MINUS SIGN} measured [{unit}]")
     return figure, (
         f"Left: force against contraction; labels give the gauge pressure [{source.unit('pressure')}]. "
-        "Circles are measurements (mean of both branches), lines the model with the "
-        f"{GEOMETRIES[source.best]}; bands contain 95 % of single readings. Right: residuals, model minus "
-        "measured."
+        "Circles are measurements (mean of both branches), lines are the model "
+        f"({GEOMETRIES[source.best]}), and bands contain 95 % of single readings. "
+        "Right: residuals, model minus measured."
     )
 
 
 def photographs(source: Source) -> Drawn:
-    """Show three photographs with measured outlines, at smallest, middle and largest contraction."""
+    """Show three photographs with measured outlines, at the smallest, middle and largest contraction."""
     pictures = source.pictures
     if pictures is None:
         return None
@@ -80,12 +80,12 @@ def photographs(source: Source) -> Drawn:
         axes.set_axis_off()
     return figure, (
         "Photographs; titles give the contraction. The measured outline is red, the edges of the end "
-        "tapes are yellow, the midline is cyan."
+        "tapes are yellow, and the midline is cyan."
     )
 
 
 def shape(source: Source) -> Drawn:
-    """Plot profiles at five contractions, and mean and middle diameter against contraction."""
+    """Plot profiles at five contractions, and the mean and middle diameters against contraction."""
     surface, pictures = source.surface, source.pictures
     if surface is None or pictures is None:
         return None
@@ -117,9 +117,9 @@ def shape(source: Source) -> Drawn:
     left.legend(title="contraction")
     right.legend()
     return figure, (
-        "Measured shape. Circles are pictures; lines are the fitted surface with its 95 % band. Left: "
-        "braid diameter along the axis. Right: mean and middle diameter, and the cylinder identified from "
-        "the force."
+        "Measured shape. Circles are from the pictures; lines are the fitted surface with its 95 % band. "
+        "Left: braid diameter along the axis. Right: mean and middle diameters, and the diameter of "
+        "the cylinder identified from the force."
     )
 
 
@@ -128,20 +128,20 @@ def strains(source: Source) -> Drawn:
     labels = {
         "mean_hoop_strain": r"mean hoop strain $\varepsilon_c$",
         "axial_strain": r"axial strain $\varepsilon_z$",
-        "thickness": f"wall $t$ [{source.unit('length')}]",
+        "thickness": f"wall thickness $t$ [{source.unit('length')}]",
     }
     figure, axes = _axes(3)
     rows = pd.concat([source.middle(name) for name in source.fits])
     _lines(axes, rows, "contraction", labels, _CONTRACTION)
     named = "; ".join(f"{name} = {GEOMETRIES[name]}" for name in source.fits)
     return figure, (
-        f"Bladder strains and wall thickness at {_middle(source)}. The axial strain uses the arc length of "
-        f"measured shapes and the length of cylinders. Geometries: {named}."
+        f"Bladder strains and wall thickness at {_middle(source)}. The axial strain is based on the arc "
+        f"length for measured shapes and on the length for cylinders. Geometries: {named}."
     )
 
 
 def law(source: Source) -> Drawn:
-    """Plot the bladder law with the strains reached, and the stresses in the wall."""
+    """Plot the bladder law with the range of strains reached, and the stresses in the wall."""
     figure, (left, right) = _axes(2)
     plot_law(source.fits[source.best], left, source.sheet.units)
     rows = source.middle(source.best)
@@ -151,7 +151,7 @@ def law(source: Source) -> Drawn:
     right.legend()
     return figure, (
         "Left: bladder law, true stress against engineering strain. "
-        f"Right: axial means of the wall stresses at {_middle(source)} "
+        f"Right: wall stresses, averaged along the axis, at {_middle(source)} "
         f"({GEOMETRIES[source.best]})."
     )
 
@@ -191,10 +191,10 @@ def by_pressure(source: Source) -> Drawn:
     _lines(axes, source.tables["pressures"], "pressure", labels, x_label)
     return figure, (
         "Top: blocked force, free contraction and RMSE of the force by pressure and geometry; circles are "
-        "measurements, where the test reached them. Bottom: work from rest to the end of each stroke. Left "
-        "over is the fluid's work that neither the load nor the bladder receives; a negative value means "
-        "that the force model creates work. Efficiency is the work on the load divided by the work of the "
-        "fluid."
+        "measurements, where the test reached that state. Bottom: work from rest to the end of each "
+        "stroke. 'Left over' is work done by the fluid that goes into neither the load nor the bladder; if "
+        "it is negative, the force model creates work. Efficiency is the work done on the load divided by "
+        "the work done by the fluid."
     )
 
 

@@ -1,4 +1,4 @@
-"""The report: a page with summary and figures, and tables as CSV."""
+"""Write the report: a page with a summary and figures, and tables as CSV."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,20 +20,22 @@ from ..folder import SHEET, Sheet
 from .figures import FIGURES, STYLE
 from .source import Source, parameter_kind, read_source
 
-_CHECKS = "Cross-checks of quantities from two sources. Standard errors set the expected ranges."
+_CHECKS = (
+    "Cross-checks of quantities from two sources. The expected ranges follow from standard errors."
+)
 _TEST = "The test. Left: force against contraction at each set pressure. Right: pressure error."
 _HEADER = ("what", "expected", "found", "verdict")
 _GEOMETRIC = ("turns", "braid_angle", "braid_diameter")
-"""Parameters of the geometry; the summary shows the first that was identified."""
+"""Geometric parameters; the summary shows the first that was identified."""
 
 
 def write_report(sheet: Sheet, names: Sequence[str], place: Path) -> None:
     """Write `report.html`, its figures as SVG and its tables as CSV.
 
     Args:
-        sheet: sheet of the folder.
+        sheet: the folder's sheet.
         names: fitted geometries.
-        place: folder of the report.
+        place: folder for the report.
     """
     source, system = read_source(sheet, names), sheet.units
     files = {f"tables/{name}.csv": source.csv(name) for name in source.tables}
@@ -50,7 +52,7 @@ def write_report(sheet: Sheet, names: Sequence[str], place: Path) -> None:
         "characterisation.html", "famjax.app",
         name=sheet.specimen.name,
         verdict=sentence_in_units(f"{document['verdict'].capitalize()}{reasons or '.'}", system)
-        + f" This report shows the {source.best} fit.{agreeing if checks else ''}",
+        + f" This report shows the fit with the {source.best} geometry.{agreeing if checks else ''}",
         good=document["verdict"] != "not identified",
         summary=_summary(source),
         numbers=five_numbers(source).html(1),
@@ -67,7 +69,7 @@ def write_report(sheet: Sheet, names: Sequence[str], place: Path) -> None:
 
 
 def _drawn(source: Source) -> dict[str, tuple[str, str]]:
-    """Draw every figure that the folder has data for: SVG file and caption by name."""
+    """Draw every figure for which the folder has data; return SVG text and caption by name."""
     found = {}
     with mpl.rc_context(STYLE):
         for draw in FIGURES:
@@ -80,18 +82,18 @@ def _drawn(source: Source) -> dict[str, tuple[str, str]]:
 
 
 def _summary(source: Source) -> str:
-    """Summarise the page in two sentences."""
+    """Return a summary of the page in two sentences."""
     of, unit, surface = source.figures[source.best], source.unit("force"), source.surface
     rmse, most = of["rmse_N"], of["largest_force_N"]
-    shape = f" The shape comes from {len(surface.used)} photographs." if surface else ""
+    shape = f" The shape was fitted to {len(surface.used)} photographs." if surface else ""
     return (
-        f"The model fits the force within {source.number(rmse, 'force', 3)} {unit} RMS, "
-        f"{100 * rmse / most:.2g} % of the largest force, {source.number(most, 'force')} {unit}.{shape}"
+        f"The model fits the force to {source.number(rmse, 'force', 3)} {unit} RMS, "
+        f"{100 * rmse / most:.2g} % of the largest force ({source.number(most, 'force')} {unit}).{shape}"
     )
 
 
 def five_numbers(source: Source) -> PageTable:
-    """Tabulate the five main figures of the muscle, each with its standard error."""
+    """Tabulate the five main results for the muscle, each with its standard error."""
     fit, pressure = source.fits[source.best], float(source.pressures[-1])
     of, rest = source.figures[source.best], float(source.sheet.specimen.rest_length)
     at_end = source.tables["pressures"].query(f"geometry == '{source.best}'").iloc[-1]
@@ -103,7 +105,7 @@ def five_numbers(source: Source) -> PageTable:
     rows = [
         ("blocked force", at_end.blocked_force / scale, std[0], "force"),
         ("free contraction", free, std[1] * scale / abs(at_end.free_slope), "number"),
-        ("RMSE, left out", of.get("left_out_pressure_N", np.nan), None, "force"),
+        ("held-out RMSE", of.get("left_out_pressure_N", np.nan), None, "force"),
     ]
     geometric = [name for name in _GEOMETRIC if np.isfinite(of["std"].get(name, np.nan))]
     elastic = [name for name in of["values"] if name.startswith("E_")]
@@ -114,8 +116,8 @@ def five_numbers(source: Source) -> PageTable:
     rows.append(("RMSE", of["rmse_N"], None, "force"))  # shown if one of the others is unknown
     rows = [row for row in rows if np.isfinite(row[1])][:5]
     return PageTable(
-        f"The muscle in five numbers, {evaluation.GEOMETRIES[source.best]}. Force and contraction are at "
-        f"{source.pressure(pressure)}; the held-out RMSE leaves out each pressure in turn.",
+        f"The muscle in five numbers ({evaluation.GEOMETRIES[source.best]}). Force and contraction are at "
+        f"{source.pressure(pressure)}; for the held-out RMSE, each pressure is left out in turn.",
         ("quantity", "value", "standard error", "unit"),
         [(what, source.number(value, kind), source.number(error, kind, 2), source.unit(kind))
          for what, value, error, kind in rows],
@@ -123,20 +125,20 @@ def five_numbers(source: Source) -> PageTable:
 
 
 def _errors(source: Source) -> PageTable:
-    """Tabulate the errors of the force by geometry."""
+    """Tabulate the force errors by geometry."""
     keys = ("rmse_N", "largest_N", "left_out_pressure_N", "left_out_length_N")
     rows = [
         (name.replace("-", " "), *(source.number(of.get(key), "force", 3) for key in keys))
         for name, of in source.figures.items()
     ]
     title = (
-        f"Errors of the force [{source.unit('force')}]; the last two are RMSE of held-out readings."
+        f"Force errors [{source.unit('force')}]; the last two are the RMSE of held-out readings."
     )
     return PageTable(title, ("geometry", "RMSE", "largest", "each pressure", "each length"), rows)
 
 
 def _notes(source: Source) -> list[str]:
-    """Collect the notes on fit, test, shape and readings."""
+    """Collect the notes on the fit, the test, the shape and the readings."""
     fit, surface = source.fits[source.best], source.surface
     of_shape = [] if surface is None else surface.summary()
     found = [*source.test.get("notes", []), *of_shape, *fit.data.notes, *fit.document["warnings"]]
@@ -155,17 +157,17 @@ def unknown(sheet: Sheet) -> list[str]:
     sentences = {
         "There are no photographs. The model is a cylinder whose diameter and angle are identified from "
         "the force, and no strain was measured.": not pictured,
-        "There is a force map and no journal of the test. Hysteresis, pressure error, and the measured "
+        "There is a force map but no journal of the test. Hysteresis, pressure error, and the measured "
         "blocked force and free contraction are unknown.": map_alone,
-        "The photographs have no machine log. Their forces and pressures are unknown, clock and scale "
-        "are unchecked, and one shape is assumed for all pressures.": pictured and map_alone,
+        "There is no machine log for the photographs. Their forces and pressures are unknown, clock and "
+        "scale are unchecked, and one shape is assumed for all pressures.": pictured and map_alone,
         "There is no photograph of a ruler. All lengths and diameters depend on the stated scale.":
             sheet.photographs is not None and sheet.photographs.ruler is None,
         "The bladder diameter at rest is not stated. The bladder is assumed to fill the braid, which "
-        "determines its strain.": pictured and sheet.specimen.bladder_diameter is None,
+        "determines the bladder strain.": pictured and sheet.specimen.bladder_diameter is None,
         "The sheet states no calibration errors. Standard errors and bands include only scatter and shape "
         "errors.": not sheet.errors.stated(),
-        "The turns of the threads were not counted. They are identified from the force.":
+        "The thread turns were not counted. They are identified from the force.":
             sheet.turns is None and pictured,
         f"{len(failed)} picture{'s' * (len(failed) != 1)} could not be measured: "
         f"{'; '.join(failed[:5])}.": failed,

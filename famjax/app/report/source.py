@@ -1,6 +1,6 @@
-"""Data of the report: fits, pictures and tables of a characterisation folder.
+"""Data for the report: fits, pictures and tables from a characterisation folder.
 
-No equilibrium is solved. The free contraction is where a spline through the forces falls to zero.
+No equilibrium is solved for. The free contraction is where a spline through the forces falls to zero.
 """
 
 import dataclasses
@@ -28,7 +28,7 @@ from .. import evaluation
 from ..folder import Sheet
 
 PARTS = ("pressure on the braid", "bladder, axial stress", "bladder, hoop stress")
-"""Names of the parts of the force."""
+"""Names of the three parts of the force."""
 KINDS = {
     **dict.fromkeys(("diameter", "thickness", "length"), "length"), "braid_angle": "angle",
     **dict.fromkeys(("axial_stress", "hoop_stress"), "stress"), "volume": "volume",
@@ -38,21 +38,21 @@ KINDS = {
         "high_95", "model_less_measured", *PARTS,
     ), "force"),
 }  # fmt: skip
-"""Kinds of the columns that have a unit."""
+"""Kind of quantity in each column that has a unit."""
 _WORK = {
     "load": "load_J", "fluid": "fluid_J", "stored": "stored_J", "left_over": "left_over_J",
     "efficiency": "efficiency", "density": "work_per_volume_J_m3",
 }  # fmt: skip
-"""Columns of the work budget."""
+"""Columns for the fields of the work budget."""
 _RANGE = 129
-"""Lengths over the range of a geometry: a cubic spline through them reproduces a force to 1e-7."""
+"""Number of lengths over a geometry's range: a cubic spline through them reproduces the force to 1e-7."""
 
 
 @quick_jit
 def _states(
     muscle: famjax.Muscle, lengths: famjax.Real, pressures: famjax.Real
 ) -> dict[str, Float[Array, "..."]]:
-    """Return states and parts of the force; strains and stresses are axial means, nan if unknown."""
+    """Return states and parts of the force; strains and stresses are axial means; nan if unknown."""
     L, P = jnp.broadcast_arrays(jnp.asarray(lengths), jnp.asarray(pressures))
     geometry, terms = muscle.geometry, muscle.terms.terms
     rated = any(term.uses_rates for term in terms)
@@ -79,7 +79,7 @@ def _states(
 
 
 def _free(contraction: np.ndarray, force: np.ndarray) -> tuple[float, float]:
-    """Return where a cubic spline of the force first falls to zero, and its slope there, or nan."""
+    """Return where a cubic spline of the force first falls to zero and its slope there, nan if none."""
     from scipy.interpolate import CubicSpline
 
     known = np.isfinite(force)
@@ -96,14 +96,14 @@ class Source:
     """Contents of the folder and its results.
 
     Attributes:
-        sheet: sheet of the folder.
+        sheet: the folder's sheet.
         fits: fits by geometry.
         figures: contents of `figures.json` by geometry: errors, parameter values and their errors.
         test: contents of `characterisation.json`, or {}.
         pressures: gauge pressures [Pa] held in the test, ascending.
-        surface: surface through the photographs, or None.
+        surface: shape surface fitted to the photographs, or None.
         pictures: measured pictures, or None.
-        tables: states, readings, parameters, pressures and checks, in the units of the report.
+        tables: states, readings, parameters, pressures and checks, in the report's units.
     """
 
     sheet: Sheet
@@ -121,7 +121,7 @@ class Source:
         return evaluation.MEASURED if evaluation.MEASURED in self.fits else evaluation.CYLINDER
 
     def middle(self, geometry: str) -> Any:
-        """States of a geometry at the middle pressure."""
+        """Return the states of a geometry at the middle pressure."""
         states, middle = self.tables["states"], self.pressures[len(self.pressures) // 2]
         of = states.geometry == geometry
         return states[of & (states.pressure == self.scaled(middle, "pressure"))]
@@ -153,7 +153,7 @@ class Source:
         return found
 
     def csv(self, name: str) -> str:
-        """Return a table as CSV, with the unit at the end of each name; unknown values are empty."""
+        """Return a table as CSV, with the unit at the end of each column name; unknown values are empty."""
         units = {one: f"_{self.unit(kind)}" for one, kind in KINDS.items()}
         names = {one: re.sub(",? ", "_", one) + units.get(one, "") for one in self.tables[name]}
         return (
@@ -164,7 +164,7 @@ class Source:
 
 
 def read_source(sheet: Sheet, names: Sequence[str]) -> Source:
-    """Read all data of the report and evaluate each model once."""
+    """Read all data for the report and evaluate each model once."""
     record = sheet.results / evaluation.RECORDS / evaluation.TEST
     test = _read(record) if record.exists() else {}
     data, shown = evaluation.read_map(sheet), sheet.photographs is not None
@@ -191,7 +191,7 @@ def read_source(sheet: Sheet, names: Sequence[str]) -> Source:
 
 
 def _of_geometry(source: Source, name: str, shortest: float) -> tuple[Any, Any]:
-    """Tabulate the states of a model over the stroke, and by pressure its ends, errors and work."""
+    """Tabulate a model's states over the stroke and, by pressure, the stroke's ends, errors and work."""
     fit, P = source.fits[name], source.pressures
     muscle: Any = fit.muscle
     rest = float(muscle.rest_length)

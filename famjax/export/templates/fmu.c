@@ -38,14 +38,14 @@ typedef struct {
 enum { ok, warning, discard, error };
 enum { states = 3, variables = 11, substep = 2 }; /* ms */
 
-/* What every instance does alike; what none can do. */
+/* Functions that always succeed, and functions that are not supported. */
 #define ALWAYS(name, arguments) EXPORT int name arguments { return ok; }
 #define NEVER(name, arguments) EXPORT int name arguments { return error; }
 
 EXPORT const char *fmi2GetTypesPlatform(void) { return "default"; }
 EXPORT const char *fmi2GetVersion(void) { return "2.0"; }
 
-/* The friction as in a muscle at rest, at the inputs and states that were set before the start. */
+/* Set the friction as in a muscle at rest, at the inputs and states set before the start. */
 static void settle(component c)
 {
     const @name@_state set = c->at;

@@ -44,7 +44,7 @@ static const real pressure_ends[2] = {R(@PRESSURE_END_0@), R(@PRESSURE_END_1@)};
 static const real slack_width = R(@SLACK@), limit = R(@LIMIT@);
 static const real close_enough = sizeof(real) < 8 ? R(2e-7) : R(1e-15);
 
-/* Value and slope of a cubic with the values and slopes at the ends of a cell. */
+/* Value and slope of the cubic with these values and slopes at the ends of a cell. */
 static real cubic(real start, real end, real rate, real end_rate, real width, real u, real *slope)
 {
     const real rise = end - start, p = width * rate, q = width * end_rate;
@@ -53,7 +53,7 @@ static real cubic(real start, real end, real rate, real end_rate, real width, re
     return start + u * (p + u * (square + u * cube));
 }
 
-/* The cell that a value lies in, its width, and the place in it from 0 to 1. */
+/* The cell that contains a value, its width, and the value's position in it, 0 to 1. */
 static int cell(const real *at, int count, real value, real *width, real *u)
 {
     int low = 0, high = count - 1;
@@ -71,7 +71,7 @@ static int cell(const real *at, int count, real value, real *width, real *u)
     return low;
 }
 
-/* A step beyond an edge that bends towards an end, and its slope. */
+/* A step beyond an edge that bends towards a limit, and its slope; ends are 1/limit. */
 static real bent(real step, const real *ends, real *slope)
 {
     const real inverse = step < 0 ? ends[0] : ends[1], way = inverse * (step < 0 ? -step : step);
@@ -85,7 +85,7 @@ static real bent(real step, const real *ends, real *slope)
     return step < 0 ? -reached : reached;
 }
 
-/* Value of a table at a state in it; slopes along the length, along the pressure, mixed. */
+/* Value of a table at a state inside it; slopes along length and pressure, and mixed slope. */
 static real within(const real *rows, int count, const real *columns, int width, const real *table,
                    real length, real pressure, real *slopes)
 {
@@ -101,7 +101,7 @@ static real within(const real *rows, int count, const real *columns, int width, 
     return cubic(value[0], value[1], rate[0], rate[1], g, v, slopes + 1);
 }
 
-/* The model's force, not cut at zero; slopes[0] along the length, slopes[1] along the pressure. */
+/* Model force, not clipped at zero; slopes[0] along the length, slopes[1] along the pressure. */
 static real model(real length, real pressure, real *slopes)
 {
     const real first = stored(lengths), last = stored(lengths + LENGTHS - 1);

@@ -2,8 +2,8 @@
 @HEADING@
  *
  * SI units throughout: m, Pa (gauge), N. Static map, no state, no allocation, no libm; C99.
- * -D@NAME@_REAL=float for single precision. Beyond the data the muscle goes slack or runs into stops,
- * and is finite, never negative and monotone everywhere.
+ * Compile with -D@NAME@_REAL=float for single precision. Beyond the data the muscle goes slack or runs
+ * into stops. The force is finite, never negative and monotone everywhere.
  */
 #ifndef @NAME@_H
 #define @NAME@_H
@@ -18,7 +18,7 @@ extern "C" {
 
 typedef @NAME@_REAL @name@_real;
 
-/* Region in which the force is the model's own [m], [Pa]; highest pressure that the inverse gives. */
+/* Region in which the model is used unchanged [m], [Pa]; highest pressure that the inverse returns. */
 #define @NAME@_SHORTEST @SHORTEST@
 #define @NAME@_LONGEST @LONGEST@
 #define @NAME@_LOWEST_PRESSURE @LOWEST@
@@ -34,8 +34,8 @@ typedef @NAME@_REAL @name@_real;
 /* Axial stiffness dF/dL [N/m] at constant pressure. */
 @name@_real @name@_stiffness(@name@_real length, @name@_real pressure);
 
-/* Lowest gauge pressure [Pa] for a force [N], from 0 to the limit: 0 if the force is larger without
- * pressure, the limit if the force is never reached. For a force <= 0, the highest pressure at which
+/* Lowest gauge pressure [Pa] for a force [N], from 0 to the limit: 0 if the force at zero pressure
+ * is larger, the limit if the force is never reached. For a force <= 0, the highest pressure at which
  * the muscle is slack. At most 60 steps. */
 @name@_real @name@_pressure(@name@_real length, @name@_real force);
 

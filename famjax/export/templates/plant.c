@@ -7,7 +7,7 @@
 
 typedef @name@_state state;
 
-/* Of the circuit, the friction and the loss. */
+/* Numbers of the circuit, the friction and the viscous loss. */
 @NUMBERS@
 
 static const real hold_lengths[@HOLD_LENGTHS@] STORED = {
@@ -27,7 +27,7 @@ static real bigger(real a, real b) { return a > b ? a : b; }
 static real smaller(real a, real b) { return a < b ? a : b; }
 static real size_of(real a) { return a < 0 ? -a : a; }
 
-/* V, V_a, V_b, V_ab a step along a beyond the table: V + dV where that grows, V/(1 - dV/V) where it shrinks. */
+/* V, V_a, V_b, V_ab a step along a beyond the table: V + dV if it grows, V/(1 - dV/V) if it shrinks. */
 static void go_on(real *V, real *a, real *b, real *ab, real step)
 {
     if (*a * step >= 0) {
@@ -42,7 +42,7 @@ static void go_on(real *V, real *a, real *b, real *ab, real step)
     }
 }
 
-/* Volume, and its slopes along the length, along the pressure. */
+/* Volume, and its slopes along the length and the pressure. */
 static real holds(real length, real pressure, real slopes[3])
 {
     const real L = bigger(stored(hold_lengths), smaller(length, stored(hold_lengths + @HOLD_LENGTHS@ - 1)));
@@ -61,7 +61,7 @@ real @name@_volume(real length, real pressure)
 }
 
 #if defined(c_atmosphere) /* air */
-static real share(real drop) /* of the choked flow, ISO 6358; a cubic below a drop of 5 % */
+static real share(real drop) /* fraction of the choked flow, ISO 6358; a cubic below a drop of 5 % */
 {
     const real slow = R(0.05), width = 1 - c_critical_ratio, last = 1 - slow / width;
     const real joint = R(sqrt(1 - last * last)), secant = joint / slow;
@@ -102,7 +102,7 @@ static real yield(real pressure) { return 1 / (c_exponent * (pressure + c_atmosp
 
 static real pressure_of(real root) { return root; }
 static real root_of(real pressure) { return pressure; }
-#else /* water, which hardly yields: its volume needs more digits than a float has */
+#else /* water is hardly compressible: its volume needs more digits than a float has */
 typedef char water_needs_double[sizeof(real) == 8 ? 1 : -1];
 
 static real pressure_of(real root) { return root * R(sqrt(root * root + 20)); }
@@ -178,7 +178,7 @@ static real held_by(const real *memory, real pressure)
     return force;
 }
 
-/* To the turn of the cycle of the static map through a state, or to its start. */
+/* Slide to the turn of the static map's cycle through a state, or to the start of that cycle. */
 static void to_end(real *memory, real length, real pressure, int turn)
 {
 #if f_cycle == 1
@@ -255,7 +255,7 @@ void @name@_moved(state *at, real length)
     at->length = length;
 }
 
-/* The root of the pressure at which an implicit stage holds its fluid: Newton's method. */
+/* Root of the pressure at which an implicit stage conserves its fluid, by Newton's method. */
 static real solved(real root, real length, real before, real h, real opening, real dump, real held)
 {
     const real part = sizeof(real) < 8 ? R(1e-3) : R(1e-7), enough = sizeof(real) < 8 ? R(1e-6) : R(1e-10);
@@ -280,7 +280,7 @@ void @name@_step(state *at, real signal, real dump, real length, real velocity, 
     const real gamma = R(0.29289321881345254), on = (1 - gamma) / gamma, h = gamma * dt;
     const real before = at->pressure, wanted = goal(signal);
     const real behind = at->opening - wanted, dump_behind = at->dump - dump;
-    const real held = fluid(at->length, before, before); /* the motion may have gone on since */
+    const real held = fluid(at->length, before, before); /* the muscle may have moved since */
     real times[2], now = length, full = held, root = root_of(before);
     int k;
     times[0] = h;

@@ -46,7 +46,7 @@ def test_a_new_folder_has_a_sheet_that_can_be_read(tmp_path, run):
     assert found.photographs.distance == pytest.approx(1.524)
     code, _, err = run("new", folder)
     assert code == 2
-    assert "is there already" in err
+    assert "already exists" in err
     code, _, err = run("characterise", folder)
     assert code == 2
     assert "names test.fam, which is not in" in err
@@ -59,9 +59,9 @@ def test_a_new_folder_has_a_sheet_that_can_be_read(tmp_path, run):
         (SPECIMEN, "must have the tables"),
         (RECORDS, "must have the tables"),
         (SPECIMEN + RECORDS + "[fitt]\n", "got specimen, records, fitt"),
-        (SPECIMEN + "[records]\n", "journal and machine_log of one test, or a force_map"),
+        (SPECIMEN + "[records]\n", "journal and machine_log from one test, or a force_map"),
         (SPECIMEN + RECORDS + 'journal = "a"\nmachine_log = "b"\n', "or a force_map alone"),
-        (SPECIMEN + '[records]\njournal = "a"\n', "journal and machine_log of one test"),
+        (SPECIMEN + '[records]\njournal = "a"\n', "journal and machine_log from one test"),
         (SPECIMEN.replace('name = "a muscle"\n', "") + RECORDS, "name, rest_length_<unit> and"),
         (SPECIMEN + RECORDS + "[photographs]\nruler = 'r.jpg'\n", "pictures is missing"),
         (SPECIMEN + RECORDS + "[fit]\nconstraint = 'druker'\n", "none or positive or slope or drucker"),
@@ -137,9 +137,9 @@ starts = 2
     ("text", "notes"),
     [
         (SPECIMEN + RECORDS,
-         ("There are no photographs", "There is a force map and no journal of the test")),
+         ("There are no photographs", "There is a force map but no journal of the test")),
         (SPECIMEN.replace("bladder_diameter_in = 0.875", "braid_thickness_in = 0.011") + RECORDS + PICTURES,
-         ("The photographs have no machine log", "There is no photograph of a ruler",
+         ("There is no machine log for the photographs", "There is no photograph of a ruler",
           "diameter at rest is not stated")),
     ],
     ids=["no pictures", "pictures alone"],
@@ -263,9 +263,9 @@ def replaced(path: Path, old: str, new: str) -> None:
     ("name", "old", "new", "said"),
     [
         (LOG, "(mm),(N)", "(in),(N)", "check the unit and sign of the displacement"),
-        (LOG, "(mm),(N)", "(mm),(lbf)", "factor of 4.448 is lbf for N"),
+        (LOG, "(mm),(N)", "(mm),(lbf)", "factor of 4.448 means that lbf and N were confused"),
         (LOG, "(mm),(N)", "(mm),(kN)", "by a factor of 0.001"),
-        (LOG, "(s),(mm)", "(s),(um)", "1000 m for mm or mm for um"),
+        (LOG, "(s),(mm)", "(s),(um)", "1000, m and mm or mm and um"),
         (LOG, "Extension,Load", "Load,Extension", "column 'Extension' has the unknown unit 'N'"),
         (SHEET, "[records]", "[records]\npushing_positive = true", "its sign (pushing_positive is true)"),
         (SHEET, "[records]", "[records]\nshortening_positive = true", "shortening_positive must be f"),

@@ -157,7 +157,7 @@ def test_a_dataclass_comes_back_from_its_entries(part):
         ({"ends_m": 10}, "ends_m must be two numbers in brackets"),
         ({"lengths_m": ["a"]}, "lengths_m must be numbers in brackets"),
         ({"kind": "oil"}, "kind must be air or water, got 'oil'"),
-        ({"name": " "}, "name must be a text in quotes, got ' '"),
+        ({"name": " "}, "name must be text in quotes, got ' '"),
         ({"inner": 3}, "inner must be a table, got 3"),
         ({"inner": {"gap_m": -1}}, r"^F: \[inner\]: gap_m must be a number >= 0 and finite, got -1"),
     ],

@@ -68,7 +68,7 @@ def test_an_actuator_by_which_a_muscle_would_not_pull_is_refused(subject):
     with pytest.raises(ValueError, match='must have biastype="user"'):
         install(mujoco.MjModel.from_xml_string(JOINT.replace("BIAS", "affine")), pulls)
     model = mujoco.MjModel.from_xml_string(JOINT.replace("BIAS", "user"))
-    with pytest.raises(ValueError, match="give the length of the muscle there as an offset"):
+    with pytest.raises(ValueError, match="pass the length of the muscle there as an offset"):
         install(model, pulls)
     install(model, pulls, {"flexor": 0.27})
     data = mujoco.MjData(model)
@@ -80,7 +80,7 @@ def test_an_actuator_by_which_a_muscle_would_not_pull_is_refused(subject):
 def test_a_control_that_is_hardly_in_pascal_is_said_once(hanging):
     model, data = hanging
     data.ctrl[0] = 4.5
-    with pytest.warns(UserWarning, match="is it in Pa") as found:
+    with pytest.warns(UserWarning, match="must be a gauge pressure in Pa") as found:
         mujoco.mj_step(model, data, nstep=3)
     assert len(found) == 1
 

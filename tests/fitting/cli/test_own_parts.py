@@ -96,7 +96,7 @@ def test_parts_take_part_are_saved_and_predict(here, run):
     ("words", "message"),
     [
         (("--term", "spy:Capped"), "derived from famjax.terms.AbstractForceTerm"),
-        (("--term", "spy:Needy"), "cannot be identified by its class"),
+        (("--term", "spy:Needy"), "cannot be created from its class alone"),
         (("--geometry", "spy:Cone"), "cannot be imported"),
         (("--term", "spy:Spring", "--free", "spring"), "unknown parameter; available"),
     ],

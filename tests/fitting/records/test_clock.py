@@ -48,8 +48,8 @@ def test_drift_and_wobble_are_followed_to_a_millisecond(drift, period):
 @pytest.mark.parametrize(
     ("device", "host", "match"),
     [
-        ([1.0, 2.0], [1.0], "one shape"),
-        ([1.0, 1.0], [1.0, 2.0], "two device times"),
+        ([1.0, 2.0], [1.0], "equal shape"),
+        ([1.0, 1.0], [1.0, 2.0], "different device times"),
         ([1.0, np.nan], [1.0, 2.0], "finite"),
     ],
 )
@@ -199,7 +199,7 @@ def test_whole_second_stamps_shift_the_offset_by_half_a_second_which_keeps_the_t
     ("displacement", "match"),
     [
         (lambda t: 0 * t, "no motion"),
-        (lambda t: 1e-3 * t * IN, "does not fix the offset"),
+        (lambda t: 1e-3 * t * IN, "does not determine the clock offset"),
         (lambda t: 1e-6 * IN * np.sin(t / 20), "do not follow"),
     ],
     ids=["standing", "one straight ramp", "less than the noise"],

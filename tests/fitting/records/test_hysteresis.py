@@ -87,7 +87,7 @@ def test_records_and_lengths_left_out_are_predicted():
 def test_a_muscle_at_rest_has_no_loop():
     fit = leave_out(fit_hysteresis(_bad(length=REST)))
     assert not fit.strength.any()
-    assert "No element" in hysteresis_warnings(fit)[0]
+    assert "zero strength" in hysteresis_warnings(fit)[0]
 
 
 @pytest.mark.parametrize(

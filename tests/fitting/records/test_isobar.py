@@ -171,9 +171,9 @@ def test_where_the_journal_is_silent_there_is_no_row():
     missing = (truth.time > 60.06) & (truth.time < 69.94)
     assert not np.isin(np.round(truth.time[missing], 6), np.round(found.time, 6)).any()
     assert truth.time.size - found.time.size == pytest.approx(missing.sum(), abs=6)
-    assert any("have no pressure" in note for note in found.notes)
-    assert any("lacks 3 rows" in note for note in found.notes)
-    with pytest.raises(InputError, match="no row of the machine log has a pressure"):
+    assert any("have no matching pressure" in note for note in found.notes)
+    assert any("3 rows are missing" in note for note in found.notes)
+    with pytest.raises(InputError, match="no row of the machine log has a matching pressure"):
         combine(log_of(truth), AHEAD, t + 1e6, np.full(t.size, 1e5), [(0.0, 1e5)], rest_length=L0)
     with pytest.raises(InputError, match="at least one set point"):
         combine(log_of(truth), AHEAD, t, np.full(t.size, 1e5), [], rest_length=L0)

@@ -95,10 +95,10 @@ def test_a_part_comes_back_to_the_last_bit(tmp_path):
 def test_the_file_of_another_work_is_refused_with_what_differs(tmp_path):
     file = tmp_path / "a.jsonl"
     Store(file, "sweep", {"orders": [1, 2], "seed": 0}, 3)
-    with pytest.raises(InputError, match=r"other settings: parts was 3, now 4; seed was 0"):
+    with pytest.raises(InputError, match=r"data or settings: parts was 3, now 4; seed was 0"):
         Store(file, "sweep", {"orders": [1, 2], "seed": 1}, 4)
     file.write_text("{]\n")
-    with pytest.raises(InputError, match=r"a.jsonl is damaged \(.*\): remove it, or give another"):
+    with pytest.raises(InputError, match=r"a.jsonl is damaged \(.*\): remove it, or choose a"):
         Store(file, "sweep", {}, 3)
     with pytest.raises(InputError, match=r"the sweep file .* cannot be used"):
         Store(tmp_path, "sweep", {}, 3)
@@ -113,7 +113,7 @@ def test_a_pool_that_breaks_says_what_is_kept(executor, tmp_path):
     store = Store(file, "test", {}, 6)
     with (
         ProcessPoolExecutor(1, SPAWN) as pool,
-        pytest.raises(InputError, match=rf"broke after \d of 6 .* is in {file}, and the same"),
+        pytest.raises(InputError, match=rf"broke after \d of 6 .* are in {file}, and the same"),
     ):
         run_tasks(
             chunk_work.poisoned_part, range(6), executor=pool if executor == "own" else 1,
