@@ -226,7 +226,7 @@ class Batch:
         if self._rig[members].any():
             for k, one in enumerate(near or ()):
                 if one is not None:
-                    about[k], reached[k] = self._expected(members[k], *one)
+                    about[k], reached[k] = self._expected(int(members[k]), *one)
             about, reached = about[every], reached[every]
             before = np.full(self.size, np.inf)
             for done in range(_REACHES - 1):

@@ -230,7 +230,9 @@ def _descents(
 
     while going.size:
         mine = members[going]
-        near = [None if at[k] is None else (at[k], r[k] + J[k] @ (trial[k] - u[k])) for k in going]
+        near: list[Any] = [
+            None if at[k] is None else (at[k], r[k] + J[k] @ (trial[k] - u[k])) for k in going
+        ]
         found: list[tuple[Chunk, int]] = batch.evaluate(
             mine, batch.parameters(mine, trial[going]), near, tolerance**0.5
         )

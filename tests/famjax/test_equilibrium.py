@@ -103,9 +103,9 @@ def test_states_that_cannot_be_say_why(muscle):
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"end_diameter": 3.0}, "threads run around"),
+        ({"end_diameter": 3.0}, "where the threads lie "),
         ({"end_diameter": -0.5}, "must be > 0"),
-        ({"other_end_diameter": 3.0}, "threads run around"),
+        ({"other_end_diameter": 3.0}, "where the threads lie "),
         ({"sections": [Section(0.5), Section(0.4)]}, "sum to 1"),
         ({"sections": [Section(1.5), Section(-0.5)]}, "must be > 0"),
         ({"bladder": Bladder(PRINT.L0, PRINT.D0, -0.06)}, "rest_thickness"),

@@ -198,7 +198,10 @@ def test_unsettled_holds_are_marked_and_not_used(monkeypatch):
 
 BAD: list[tuple[Callable[[], object], str]] = [
     (lambda: _points(atmosphere=np.nan), "must be finite"),
-    (lambda: _points(atmosphere=101e3), "far below the stated reading at atmospheric pressure, 101 kPa"),
+    (
+        lambda: _points(atmosphere=101e3),
+        "far below the stated reading at atmospheric pressure, 101 kPa",
+    ),
     (lambda: quasi_static([], atmosphere=ZERO), "at least one record"),
     (lambda: quasi_static([_still()], atmosphere=0.0), "has no complete pressure bin"),
     (lambda: static_map(_points(), step=0.0), "step must be > 0"),

@@ -87,7 +87,7 @@ def test_a_table_holds_the_angle(tmp_path):
     data = table.to_xarray()
     assert data["braid_angle_profile_deg"].attrs["units"] == "degree"
     assert not any("braid" in note for note in table.notes)
-    told = f"1 of 1 pictures show no braid angle, first {path}: too dark."
+    told = f"1 of 1 pictures show no braid angle; the first is {path}: too dark."
     assert told in Table.from_rows([rows[0] | {"braid_refusal": "too dark"}]).notes
 
 
