@@ -3,6 +3,7 @@
 import contextlib
 import dataclasses
 import functools
+import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -140,6 +141,7 @@ def choose(
     noise: float | None = None,
     objective: str = "sum_of_squares",
     ends: str = "cylinder",
+    other_lengths: bool = True,
     starts: int = 16,
     seed: int = 0,
     progress: Callable[[str, int, int], None] | None = None,
@@ -160,6 +162,7 @@ def choose(
         noise: standard deviation of one reading [N]; taken from the data if omitted.
         objective: objective for the chosen family.
         ends: "equilibrium" also tries Ogden's law with the shape from mechanics, see `identify`.
+        other_lengths: also fit what predicts muscles of other rest lengths, see `predict`.
         starts: number of starts for the chosen family; families are compared with at most four.
         seed: random seed for the starts.
         progress: called with (task, steps done, steps).
@@ -186,7 +189,8 @@ def choose(
     def tell(what: str) -> Callable[[int, int], None] | None:
         return None if progress is None else functools.partial(progress, what)
 
-    elsewhere = accounts(candidates, data, {*(bounds or {}), *(parameters or {})})
+    said = {*(bounds or {}), *(parameters or {})}
+    elsewhere = accounts(candidates, data, said) if other_lengths else ()
     if check_ends(ends, {}) == "equilibrium":
         candidates = (*candidates, equilibrium_candidate(weighed, bounds, parameters, seed))
     found = fitted(
@@ -246,12 +250,11 @@ def choose(
     }  # fmt: skip
     others = [one for one in found[len(candidates) :] if isinstance(one, Fitted)]
     outlook = Outlook(
-        model_error(data, chosen.residuals, winner.left_out, winner.candidate.unknowns), alike=alike
+        model_error(data, chosen.residuals, winner.left_out, winner.candidate.unknowns),
+        alike=alike,
+        other_lengths={one.candidate.name: one.mounted for one in others},
+        between=FROM_ONE * data.max_force if others else math.nan,
     )
-    if others:
-        members = {one.candidate.name: one.mounted for one in others}
-        between = FROM_ONE * data.max_force
-        outlook = dataclasses.replace(outlook, other_lengths=members, between=between)
     return Choice(
         data=data,
         chosen=dataclasses.replace(chosen, data=data, outlook=outlook),
@@ -407,7 +410,8 @@ def _fold(
 ) -> dict[str, Any]:
     """Choose without one group of the loaded readings, and return the errors on that group."""
     mine, levels = group == k, data.levels(groups)
-    rest = choose(data.part(~np.isin(levels, levels[data.loaded][mine])), **options)
+    kept = data.part(~np.isin(levels, levels[data.loaded][mine]))
+    rest = choose(kept, other_lengths=False, **options)
     at = data.length[data.loaded][mine], data.pressure[data.loaded][mine]
     error = rest.predict(*at) - data.force[data.loaded][mine]
     half = rest.half_band(*at)

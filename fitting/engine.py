@@ -173,6 +173,9 @@ class Batch:
         self._of = Weighing(*(np.stack(leaves) for leaves in zip(*each, strict=True)))
         # Parameters that are free in one of the problems; one that holds them has no width there.
         self.free = np.flatnonzero((self.low < self.high).any(axis=0))
+        eye, room = np.eye(at.sizes.parameters), ((0, at.sizes.directions), (0, 0))
+        rows = [np.pad(eye[list(one.free)], room)[: at.sizes.directions] for one in problems]
+        self._moves = np.stack(rows)
 
     def _padded(self, parameters: Float[np.ndarray, " q"]) -> Float[np.ndarray, " parameters"]:
         return np.pad(parameters, (0, self.layout.sizes.parameters - parameters.size))
@@ -264,7 +267,8 @@ class Batch:
         linear, slopes = self.linear(members, parameters, about, reached)
         of = Weighing(*(leaf[members] for leaf in self._of))
         targets = of.targets + (parameters[:, None] @ of.d_targets)[:, 0]
-        keep, found = self._settled(linear, slopes, of._replace(targets=targets))
+        along = self._moves[members] @ of.d_targets
+        keep, found = self._settled(linear, slopes, of._replace(targets=targets, d_targets=along))
         linear, found = jax.tree.map(np.asarray, (linear, found))
         problems = [self.problems[k] for k in members]
         return Chunk(problems, self.layout, parameters, linear, found, reached, about, keep)
@@ -281,6 +285,7 @@ class Batch:
         """Residuals, and their derivatives with respect to the free parameters in the unit box."""
         r = np.stack([chunk.projected.residual[row] for chunk, row in found])
         J = np.stack([chunk.projected.jacobian[row] for chunk, row in found])
+        J = self._moves[members].swapaxes(1, 2) @ J
         width = (self.high - self.low)[members][:, self.free]
         return r, J[:, self.free].swapaxes(1, 2) * width[:, None]
 
@@ -293,9 +298,15 @@ class Batch:
         """Linear model of the first problem, and its derivatives, about given coefficients and forces."""
         about = np.pad(about, (0, self.layout.sizes.coefficients - about.size))
         each = self._padded(parameters), about, self.layout.spread(reached)
-        given = (np.repeat(one[None], self.size, axis=0) for one in each)
-        found = self.linear(np.zeros(self.size, int), *given)
-        return jax.tree.map(lambda leaf: np.asarray(leaf[0]), found)
+        given = [np.repeat(one[None], self.size, axis=0) for one in each]
+        members, (some, wide) = np.zeros(self.size, int), self._moves.shape[1:]
+        found: list[tuple[Linear, Linear]] = []
+        for first in range(0, wide, some):
+            moves = np.eye(wide)[np.minimum(first + np.arange(some), wide - 1)]
+            both = self.linear(members, *given, moves=np.repeat(moves[None], self.size, axis=0))
+            found.append(jax.tree.map(lambda leaf: np.asarray(leaf)[0], both))
+        slopes = zip(*(slope for _, slope in found), strict=True)
+        return found[0][0], Linear(*(np.concatenate(leaves)[:wide] for leaves in slopes))
 
     def linear(
         self,
@@ -305,6 +316,7 @@ class Batch:
         reached: Float[np.ndarray, "b readings"],
         length: Float[np.ndarray, "b readings"] | None = None,
         pressure: Float[np.ndarray, "b readings"] | None = None,
+        moves: Float[np.ndarray, "b directions q"] | None = None,
     ) -> tuple[Linear, Linear]:
         """Linear models of `size` fits, and their derivatives."""
         length = self._length if length is None else length
@@ -317,7 +329,8 @@ class Batch:
             )
             for group in self._groups
         )
-        return self._program(own, parameters, about, readings)
+        moves = self._moves[members] if moves is None else moves
+        return self._program(own, parameters, moves, about, readings)
 
     def _settled(
         self, linear: Linear, slopes: Linear, of: Weighing

@@ -16,6 +16,7 @@ from jaxtyping import Bool, Float
 import famjax
 from famjax.boundary.errors import InputError
 from famjax.boundary.units import Quantity, Sentence, finite_or_none
+from famjax.compile_options import as_arrays, quick_jit
 from famjax.control import Outcome, pressure_for_force
 
 from .arguments import check_numbers
@@ -286,6 +287,17 @@ def seen_slack(fit: Identification, length: Column, pressure: Column) -> Bool[np
     return np.asarray(within.any(axis=1))
 
 
+@quick_jit
+def _limits(muscle: famjax.AbstractMuscle) -> tuple[Any, Any, Any]:
+    """Return the lengths [m] of `Reach`: of the lock, of straight threads, and of a closed bore."""
+    lock = thread_length = math.nan
+    if isinstance(muscle, famjax.EquilibriumMuscle):
+        thread_length = muscle.braid.rest_thread_length
+    elif isinstance(muscle, famjax.Muscle):
+        lock, thread_length = muscle.geometry.braid_limits()
+    return lock, thread_length, muscle.length_range()[1]
+
+
 class Reach:
     """Range covered by a fit, for the fitted muscle or one with another rest length L0 [m].
 
@@ -319,12 +331,7 @@ class Reach:
         )
         self.pressures = float(min(pressures)), float(max(pressures))
         self.rest_lengths = float(min(rest)), float(max(rest))
-        self.lock, self.thread_length = math.nan, math.nan
-        if isinstance(muscle, famjax.EquilibriumMuscle):
-            self.thread_length = float(muscle.braid.rest_thread_length)
-        elif isinstance(muscle, famjax.Muscle):
-            self.lock, self.thread_length = map(float, muscle.geometry.braid_limits())
-        self.closed = float(muscle.length_range()[1])
+        self.lock, self.thread_length, self.closed = map(float, _limits(as_arrays(muscle)))
         self.largest_force = float(fit.data.force.max())
 
     def outside(

@@ -52,9 +52,9 @@ def kept(
 
     def called(*args: Any) -> Any:
         leaves, treedef = jax.tree.flatten(args)
-        given = [jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) for leaf in leaves]
-        key = treedef, *given
+        key = treedef, *((leaf.shape, leaf.dtype) for leaf in leaves)
         if key not in known:
+            given = [jax.ShapeDtypeStruct(*one) for one in key[1:]]
 
             def flat(*leaves: Any) -> list[Any]:
                 return jax.tree.leaves(function(*jax.tree.unflatten(treedef, leaves)))
@@ -81,30 +81,26 @@ def _executable(
     key = hashlib.sha256(text.encode()).hexdigest()[:32]
     file = Path(folder) / f"executable-{key}-cache"
     with contextlib.suppress(Exception):  # of another version of JAX, or torn
-        _register_linear_algebra()
-        return stored.deserialize_and_load(*pickle.loads(file.read_bytes()))
+        whole, lapack = pickle.loads(file.read_bytes())
+        if lapack:  # JAX registers it when it lowers a program; an executable calls it at once
+            jax.jit(jnp.linalg.qr).lower(np.eye(1))
+        found = stored.deserialize_and_load(*whole)
+        jax.block_until_ready(found(*(np.zeros(one.shape, one.dtype) for one in given)))
+        return found
     # JAX cannot serialize what it has loaded from its own cache, so nothing is left there: a name
     # that no other process has, and no file.
     flat.__name__ = f"executable_{key}_{os.getpid()}"
-    compiled = jax.jit(flat, compiler_options=options).lower(*given).compile()
+    lowered = jax.jit(flat, compiler_options=options).lower(*given)
+    compiled = lowered.compile()
     with contextlib.suppress(
         Exception
     ):  # a full disk, or a device that cannot store, keeps nothing
         for own in Path(folder).glob(f"jit_{flat.__name__}*"):
             own.unlink()
-        whole = stored.serialize(compiled)
-        loaded = stored.deserialize_and_load(*whole)
-        jax.block_until_ready(loaded(*(np.zeros(one.shape, one.dtype) for one in given)))
         torn = file.with_suffix(f".{os.getpid()}")
-        torn.write_bytes(pickle.dumps(whole))
+        torn.write_bytes(pickle.dumps((stored.serialize(compiled), "lapack" in lowered.as_text())))
         torn.replace(file)
     return compiled
-
-
-@functools.cache
-def _register_linear_algebra() -> None:
-    """Let JAX register LAPACK, which it does when it lowers a program; executables call it directly."""
-    jax.jit(jnp.linalg.qr).lower(np.eye(1))
 
 
 @functools.cache
@@ -124,13 +120,18 @@ MEMBERS = 16
 """Number of fits in one call to a compiled program."""
 
 
+DIRECTIONS = 7
+"""Most free parameters of an automatically chosen family; a program differentiates along each."""
+
+
 class Sizes(NamedTuple):
-    """Padded sizes of a problem: readings, rows along paths, coefficients, parameters and other rows."""
+    """Padded sizes of a problem; rows along paths, and the number of other rows of the least squares."""
 
     readings: int
     rows: int
     coefficients: int
     parameters: int
+    directions: int
     others: int
 
 
@@ -258,7 +259,8 @@ class Layout:
         )
         others = wide_n - n + len(problem.priors) + len(problem.coefficient_priors)
         rows = bucket(first_row, 64) if first_row else 0
-        self.sizes = Sizes(bucket(first, 64), rows, wide_n, wide_q, bucket(others, 8))
+        free = max(len(problem.free), DIRECTIONS)
+        self.sizes = Sizes(bucket(first, 64), rows, wide_n, wide_q, free, bucket(others, 8))
 
     def spread(
         self, values: Shaped[np.ndarray, "*b points"], missing: float | None = None
@@ -277,16 +279,18 @@ def linear_of(
     groups: Sequence[Group],
     constraint: Constraint,
     p: Float[Array, " parameters"],
+    moves: Float[Array, "directions parameters"],
     x0: Float[Array, " coefficients"],
     readings: tuple[Array, Array, Array],
 ) -> tuple[Linear, Linear]:
-    """Return the linear model of a problem, and its derivatives with respect to each parameter.
+    """Return the linear model of a problem, and its derivatives along directions of the parameters.
 
     Args:
         forms: forms of the groups.
         groups: groups of parts.
         constraint: constraint on the coefficients.
         p: parameters of the problem.
+        moves: directions.
         x0: coefficients of the problem.
         readings: length [m], pressure [Pa] and force reached [N], each of shape (readings,).
     """
@@ -295,7 +299,7 @@ def linear_of(
         parts = len(group.to_p)
         here = slice(first, first + parts * form.points)
         first = here.stop
-        one = functools.partial(_of_part, form, constraint, p, x0)
+        one = functools.partial(_of_part, form, constraint, p, moves, x0)
         own = tuple(v[here].reshape(parts, -1) for v in readings)
         each: Any = group.arrays, group.to_p, group.held, group.to_x, own
         if parts == 1:
@@ -317,6 +321,7 @@ def _of_part(
     form: Form,
     constraint: Constraint,
     p: Array,
+    moves: Array,
     x0: Array,
     arrays: Sequence[Array],
     to_p: Float[Array, "q parameters"],
@@ -324,7 +329,7 @@ def _of_part(
     to_x: Float[Array, "n coefficients"],
     readings: tuple[Array, Array, Array],
 ) -> tuple[Linear, Linear]:
-    """Return the linear model of a part, and its derivatives with respect to the problem's parameters."""
+    """Return the linear model of a part, and its derivatives along directions of the parameters."""
     family, at = form.filled(arrays)
     length, pressure, reached = readings
     at = dataclasses.replace(at, length=length, pressure=pressure)
@@ -333,7 +338,7 @@ def _of_part(
         return linear_response(family, constraint, at, own_p, x0, reached, to_x)
 
     value, slope = jax.linearize(response, held + to_p @ p)
-    return value, jax.vmap(slope)(to_p.T)
+    return value, jax.vmap(slope)(moves @ to_p.T)
 
 
 @functools.lru_cache(maxsize=128)
@@ -351,9 +356,13 @@ def linear_program(
     """
 
     def one(
-        groups: tuple[Group, ...], p: Array, x0: Array, readings: tuple[Array, Array, Array]
+        groups: tuple[Group, ...],
+        p: Array,
+        moves: Array,
+        x0: Array,
+        readings: tuple[Array, Array, Array],
     ) -> tuple[Linear, Linear]:
-        value, slope = linear_of(forms, groups, constraint, p, x0, readings)
+        value, slope = linear_of(forms, groups, constraint, p, moves, x0, readings)
 
         def padded(found: Linear, axis: int) -> Linear:
             wide = (sizes.readings, sizes.readings, sizes.rows, sizes.rows)
@@ -368,7 +377,7 @@ def linear_program(
         return padded(value, 0), padded(slope, 1)
 
     axes: Any = tuple(Group(cast(Any, None), *cast(Any, (0, 0, 0))) for _ in forms)
-    many = jax.vmap(one, in_axes=(axes, 0, 0, 0))
+    many = jax.vmap(one, in_axes=(axes, 0, 0, 0, 0))
     if not all(form.own_code for form in forms):
         return jax.jit(many, compiler_options=bulk_options())
     like = Linear(*range(4)), Linear(*range(4))
@@ -414,7 +423,7 @@ class Projected(NamedTuple):
 
     optimum: Optimum
     residual: Float[AnyArray, " rows"]
-    jacobian: Float[AnyArray, "parameters rows"]
+    jacobian: Float[AnyArray, "directions rows"]
     A: Float[AnyArray, "rows coefficients"]
     b: Float[AnyArray, " rows"]
     G: Float[AnyArray, "m coefficients"]
@@ -442,7 +451,7 @@ def projected_program() -> Any:
     one, number = np.zeros(1), np.zeros(())
     optimum = Optimum(one, one, one > 0, number, number, number, number, np.zeros((), int))
     like = Projected(optimum, *range(len(Projected._fields) - 1))
-    return kept(jax.vmap(projected), "projected", like)
+    return kept(jax.vmap(projected), "projected", like, quick_options())
 
 
 @functools.lru_cache(maxsize=128)

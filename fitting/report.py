@@ -534,10 +534,15 @@ def _middle(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the radius [m] and braid angle [rad] halfway between the fittings."""
     if isinstance(muscle, famjax.Muscle):
-        at = muscle.geometry.dimensions(length, pressure)
-        return np.asarray(at.radius), np.asarray(at.braid_angle)
+        at = quick_jit(_dimensions)(as_arrays(muscle.geometry), length, pressure)
+        return np.asarray(at[0]), np.asarray(at[1])
     shape = muscle.profile(length, pressure, 3)
     return np.asarray(shape.radius[..., 1]), np.asarray(shape.braid_angle[..., 1])
+
+
+def _dimensions(geometry: Any, length: Any, pressure: Any) -> tuple[Any, Any]:
+    at = geometry.dimensions(length, pressure)
+    return at.radius, at.braid_angle
 
 
 def html_report(
