@@ -49,7 +49,7 @@ print(f"101 laws: {free[0]:.3f} to {free[-1]:.3f} free contraction")
 
 # %% [markdown]
 # To define your own law, write a class with a strain energy. The stresses are computed by
-# differentiation. The law works in every equilibrium, fit and card: `famjax fit --law my_module:Fung`.
+# differentiation. The law can be used in any equilibrium, fit or card: `famjax fit --law my_module:Fung`.
 
 
 # %%

@@ -187,7 +187,7 @@ _LOG = 100  # characters per line if the output is not a terminal
 
 
 def print_lines(rows: Iterable[tuple[str, str]]) -> None:
-    """Print labelled sentences, wrapped to the width of the terminal next to their labels."""
+    """Print labelled sentences with a hanging indent, wrapped to the terminal width."""
     table = Table.grid(padding=(0, 2, 0, 0))
     for label, text in rows:
         table.add_row(Text(label, style="bold"), Text(text))

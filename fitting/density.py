@@ -238,7 +238,9 @@ def density_of(result: Identification, noise: Noise) -> Density:
     free, q, count = problem.free, len(problem.names), problem.force.size
     p, n = free.size, len(problem.linear)
     if (problem.coefficient_min == problem.coefficient_max).any():
-        raise InputError("a held coefficient cannot be sampled: use another law or order")
+        raise InputError(
+            "a coefficient that is held fixed cannot be sampled: use another law or order"
+        )
     _, jacobian, slopes = joint_derivatives(point)
     freedom = max(int((problem.side == 0).sum()) - p - n, 1)
     if not isinstance(noise, tuple):

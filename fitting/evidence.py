@@ -278,7 +278,7 @@ Table = tuple[str, tuple[str, ...], list[tuple[str, ...]]]
 """Title, header and rows of a table, as text."""
 
 _DISAGREE = 1.5
-"""Ratio of two estimates of one standard error above which a warning is issued."""
+"""Warn if two estimates of the same standard error differ by more than this ratio."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -31,7 +31,7 @@ ATMOSPHERE = 101.3e3
 """Atmospheric pressure [Pa]."""
 
 THICK = 0.3
-"""Ratio of wall thickness to bore above which no room is left for a bladder that can strain."""
+"""Ratio of wall thickness to bore above which the bladder has no room to deform."""
 
 # Misfits as fractions of the largest force
 GOOD = 0.02  # highest misfit of a good model of a muscle

@@ -64,7 +64,7 @@ class Within(eqx.Module):
 
 
 LONG, SPREAD = 256, 128
-"""Number of readings above which a map counts as long, and number that represent it in searches."""
+"""Readings above which a map is treated as long, and how many represent it in searches."""
 
 
 class Part(eqx.Module):

@@ -204,6 +204,6 @@ def judge_series(specimens: Sequence[Identification], left_out: LeftOut) -> Judg
             f"; when predicted from the others, {specimens[most].data.specimen.name} is missed by "
         )
         error = Quantity(float(left_out.group_rmse[most]), "force", 3)
-        included = ". A new muscle may differ as much; its prediction band includes this."
+        included = ". A new muscle may differ by as much; its prediction band allows for this."
         found.append(Remark(1, Sentence(f"The specimens differ: {said}{other}", error, included)))
     return _judgement([*found, *of_parameters(first)], specimens)

@@ -362,7 +362,7 @@ def near_edge(t: Array, s: float) -> Flags:
 
 
 def limb_strength(light: Array, t: Array, s: float, radius: float) -> float:
-    """Return kappa in s0 [1 + kappa sqrt(t - t^2 / (2 R))], the light inside the edge's blur.
+    """Return kappa in s0 [1 + kappa sqrt(t - t^2 / (2 R))], the intensity within the edge blur.
 
     The root is the law of a smooth body, and of a woven body averaged over its threads. It is fitted from
     3 blurs inside the edge to the last sample.

@@ -55,7 +55,7 @@ ADVICE = {
     "jump": "the pressure jumped within 10 ms: a muscle or hose burst, the transducer is failing, or a "
     "small muscle fills fast; only in the last case raise jump_limit_<unit> in the plan's [rig]",
     "stall": "the pressure did not rise at full output; check the supply, hose, muscle and transducer",
-    "watchdog": "its program hung; check its supply",
+    "watchdog": "its firmware hung; check its power supply",
     "range": "a broken wire, a short, an unplugged transducer or one without supply",
     "frozen": "the reading did not follow the output: check the transducer and its line first, since the "
     "true pressure may be higher than the reading",

@@ -1,4 +1,4 @@
-"""Analyse tests at constant pressure: journal and machine log become curves, key figures and a plot."""
+"""Analyse constant-pressure tests: compute curves and key figures from journal and machine log."""
 
 import dataclasses
 import math

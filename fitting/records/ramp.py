@@ -116,7 +116,7 @@ class Staircase:
     stop: Holds
 
     def rows(self, time: Column) -> list[Rows]:
-        """Return the rows of the used part of each hold."""
+        """Return the rows of each hold that are used."""
         width = self.stop - self.start
         low, high = (np.searchsorted(time, self.start + end * width) for end in _PART)
         return [np.arange(i, j) for i, j in zip(low, high, strict=True)]
