@@ -11,12 +11,12 @@ from PIL import Image
 from rendering import published_ruler, published_scene, render, render_ruler, sequence
 
 from famjax.__main__ import main
-from imaging import Recipe, Scale
+from imaging import Recipe, Scale, Tone, write_recipe
 from imaging.cli import RecipeOptions, command_recipe
 from imaging.errors import MixedSizes
 from imaging.pictures import check_sizes
 
-IN = 0.0254
+IN, LBF, PSI = 0.0254, 4.4482216152605, 6894.757293168361
 SIZE = (660, 280)
 STROKE = sequence.triangle_stroke(0.3, 60.0)
 TIMES = 3.0 + 6.0 * np.arange(9)
@@ -35,7 +35,10 @@ def lab(tmp_path_factory):
         photo.save(folder / "photos" / f"img{k + 1}.jpg")
         truth.append(photo.truth)
     record = sequence.stroke_log(STROKE, np.arange(0, 60, 0.05), scene.muscle.length)
-    record.save(folder / "log.csv")
+    columns = record.time, record.displacement / IN, record.force / LBF, record.pressure / PSI
+    names = "time_s,displacement_in,force_lbf,pressure_psi"
+    file, data = folder / "log.csv", np.stack(columns, 1)
+    np.savetxt(file, data, "%.7g", delimiter=",", header=names, comments="")
     return SimpleNamespace(folder=folder, photos=folder / "photos", truth=truth, record=record)
 
 
@@ -64,7 +67,7 @@ def test_a_stroke_becomes_a_table_with_force_and_what_a_person_checks(lab, tmp_p
     length = np.array([float(row["length_in"]) for row in rows])
     # 56 px/in here: two tape edges a tenth of a pixel off, and the scale of a coarse ruler.
     np.testing.assert_allclose(length, [t.length / IN for t in lab.truth], atol=0.012)
-    force = np.array([float(row["force_lbf"]) for row in rows]) * 4.4482216152605
+    force = np.array([float(row["force_lbf"]) for row in rows]) * LBF
     truth = np.interp(TIMES, lab.record.time, lab.record.force)
     assert np.abs(force - truth).max() < 0.01 * np.ptp(lab.record.force)
     recipe = tomllib.loads((out / "recipe.toml").read_text())
@@ -152,3 +155,32 @@ def test_a_ruler_of_another_size_is_refused(tmp_path):
     whole = saved("whole.jpg", (600, 400), (600, 400))
     cropped = Recipe(Scale.manual(9000.0), crop_offset=(10, 10), frame_size=(600, 400))
     check_sizes(whole, [muscle], cropped)
+
+
+RULER = Scale(8922.4409, 0.0892, 0.31, 0.021, 97, "ruler", -0.02, 0.002, 0.0016, 0.0003)
+FULL = Recipe(
+    RULER, distance=61 * 0.0254, centre=(501.25, 1330.0), crop_offset=(1459, 531),
+    frame_size=(5568, 3712), k1=-0.01, tone=Tone(np.linspace(0, 1, 256) ** 2.1),
+    orientation="auto", braid_angle=True,
+)  # fmt: skip
+
+
+def test_a_recipe_is_written_with_units_in_its_keys(tmp_path):
+    told = tomllib.loads(write_recipe(FULL, tmp_path / "recipe.toml").read_text())
+    assert told["distance_m"] == FULL.distance
+    assert told["crop_offset"] == [1459, 531]
+    assert told["scale"]["stderr_px_per_m"] == RULER.stderr
+    np.testing.assert_array_equal(told["tone"], FULL.tone.table)
+
+
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [
+        ({"orientation": "diagonal"}, "orientation"),
+        ({"distance": 0.0}, "distance"),
+        ({"crop_offset": (10.0, 10.0)}, "frame_size"),
+    ],
+)
+def test_a_recipe_that_cannot_be_followed_is_refused(options, match):
+    with pytest.raises(ValueError, match=match):
+        Recipe(Scale.manual(9000.0), **options)

@@ -161,13 +161,10 @@ def _mosaic(light: Floats) -> Floats:
 
 
 _STRETCH = 400  # bytes that are spoilt
-Damage = Literal["truncated", "scrambled", "blanked"]
 
 
-def damaged(data: bytes, kind: Damage, seed: int = 0) -> bytes:
-    """A JPEG file that lacks its end, or with noise or zeros in a stretch of its middle half."""
-    if kind == "truncated":
-        return data[: int(0.6 * len(data))]
+def damaged(data: bytes, kind: Literal["scrambled", "blanked"], seed: int) -> bytes:
+    """A JPEG file with noise or zeros in a stretch of its middle half."""
     random = np.random.default_rng(seed)
     start = int(random.integers(len(data) // 4, 3 * len(data) // 4 - _STRETCH))
     # 0xff begins a marker: leaving it out keeps this a fault of the data, not of the structure.

@@ -105,10 +105,8 @@ def _photographs(
     lengths = np.minimum(np.interp(taken, record.time, record.length), rest)
     (folder / "photographs").mkdir(exist_ok=True)
     # Yarns as fine as the real ones, at every scale: thick ones shift the outline where they cross.
-    scene, tape = (
-        published_scene(0.0, size=size, rest_length=rest),
-        Tape(diameter=truth.muscle.bladder_diameter),
-    )
+    scene = published_scene(0.0, size=size, rest_length=rest)
+    tape = Tape(diameter=truth.muscle.bladder_diameter)
     assert scene.muscle is not None
     body = dataclasses.replace(scene.muscle, strands=36, upper=tape, lower=tape)
     scene = dataclasses.replace(scene, muscle=body, sensor=sensor)

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.interpolate import PchipInterpolator
 
 from famjax.boundary.units import factor
 from imaging.camera import Array, Flags, Indices
@@ -95,27 +96,19 @@ _TABLE_4_3 = (
 )
 
 
-@dataclasses.dataclass(frozen=True)
-class FourierShape:
-    """D(x) = mean + sum over n of cosines_n cos(n w (x - 1/2)) [m], w being the frequency."""
-
-    mean: float
-    cosines: tuple[float, ...]
-    frequency: float
-
-    def __call__(self, x: ArrayLike) -> Array:
-        n = np.arange(1, len(self.cosines) + 1)
-        angle = self.frequency * (np.asarray(x, float)[..., None] - 0.5)
-        return self.mean + np.cos(n * angle) @ np.array(self.cosines)
-
-
-def published_shape(contraction: float) -> FourierShape:
+@functools.cache
+def published_shape(contraction: float) -> Callable[[ArrayLike], Array]:
     """The muscle's published profile at 100 psi and one of `PUBLISHED_CONTRACTIONS`, symmetrised."""
     mean, a, b, w = _TABLE_4_3[PUBLISHED_CONTRACTIONS.index(contraction)]
     n = np.arange(1, len(a) + 1)
     # a cos(nwx) + b sin(nwx), its part even about x = 1/2.
-    even = np.array(a) * np.cos(n * w / 2) + np.array(b) * np.sin(n * w / 2)
-    return FourierShape(mean * INCH, tuple(float(c) * INCH for c in even), abs(w))
+    even = INCH * (np.array(a) * np.cos(n * w / 2) + np.array(b) * np.sin(n * w / 2))
+
+    def shape(x: ArrayLike) -> Array:
+        angle = abs(w) * (np.asarray(x, float)[..., None] - 0.5)
+        return mean * INCH + np.cos(n * angle) @ even
+
+    return shape
 
 
 def stroke_shape(
@@ -124,8 +117,6 @@ def stroke_shape(
     """A profile between the published ones by a monotone cubic, its ends brought to one diameter."""
 
     def between(x: Array) -> Array:
-        from scipy.interpolate import PchipInterpolator
-
         published = np.stack([published_shape(each)(x) for each in PUBLISHED_CONTRACTIONS])
         return np.asarray(PchipInterpolator(PUBLISHED_CONTRACTIONS, published)(contraction))
 

@@ -143,7 +143,10 @@ class Ruler:
             inward = scene.width / 2 - row.side * w
             mark |= row.covers(s, inward, scene.mark_width)
             near |= row.covers(s, inward, seen_width)
-        print_ = self._number_at(s, w)
+        rows, columns = self.numbers.shape
+        i = np.rint((s + self.half) * _NUMBERS_PER_M).astype(np.intp)
+        j = np.rint((w + scene.width / 2) * _NUMBERS_PER_M).astype(np.intp)
+        print_ = self.numbers[np.clip(i, 0, rows - 1), np.clip(j, 0, columns - 1)]
         ink = np.where(mark, 1.0, print_)[:, None]
         which = np.where(near, 1, np.where(print_ > 0.5, 2, 0))
         albedo = (1 - ink) * np.array(scene.face) + ink * np.array(scene.ink)
@@ -153,13 +156,6 @@ class Ruler:
         light = lit * grain[:, None] * albedo
         light[~on] = 0
         return np.where(on, which, -1).astype(np.int8), light
-
-    def _number_at(self, s: Array, w: Array) -> Array:
-        """Part of the face at s, w that a number covers, 0 or 1 but for its soft rim."""
-        rows, columns = self.numbers.shape
-        i = np.rint((s + self.half) * _NUMBERS_PER_M).astype(np.intp)
-        j = np.rint((w + self.scene.width / 2) * _NUMBERS_PER_M).astype(np.intp)
-        return self.numbers[np.clip(i, 0, rows - 1), np.clip(j, 0, columns - 1)]
 
     def truth(self) -> RulerTruth:
         row = self.rows[0]

@@ -152,9 +152,7 @@ class Scene(Setting):
 
 def published_camera(size: tuple[int, int]) -> Camera:
     """The reference work's: 60 in away; a crop of another height takes fewer px per inch."""
-    px_per_in = PUBLISHED_PX_PER_IN
-    if size != PUBLISHED_FRAME:
-        px_per_in *= size[0] / PUBLISHED_CROP[0]
+    px_per_in = PUBLISHED_PX_PER_IN * (size[0] / PUBLISHED_CROP[0])
     centre = ((size[1] - 1) / 2, (size[0] - 1) / 2)
     return Camera(px_per_in / INCH, PUBLISHED_DISTANCE, centre)
 

@@ -3,12 +3,12 @@
 import dataclasses
 import datetime
 from collections.abc import Callable, Iterator
-from os import PathLike
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from famjax.boundary.units import factor
+from fitting.records import MachineLog
 from imaging.camera import Array
 
 from .exposure import Photo
@@ -48,25 +48,9 @@ def render_sequence(
         yield render(at_length(rest, muscle.length * (1 - c), shape, stamp), seed + 1 + k)
 
 
-@dataclasses.dataclass(frozen=True)
-class StrokeLog:
-    """What a test machine records of a stroke, SI, all of shape (n,)."""
-
-    time: Array
-    displacement: Array
-    force: Array
-    pressure: Array
-
-    def save(self, path: str | PathLike[str]) -> None:
-        psi, inch = factor("psi", "pressure"), factor("in", "length")
-        columns = self.time, self.displacement / inch, self.force / LBF, self.pressure / psi
-        names = "time_s,displacement_in,force_lbf,pressure_psi"
-        np.savetxt(path, np.stack(columns, 1), "%.7g", delimiter=",", header=names, comments="")
-
-
-def stroke_log(contraction: Contraction, times: ArrayLike, rest_length: float) -> StrokeLog:
+def stroke_log(contraction: Contraction, times: ArrayLike, rest_length: float) -> MachineLog:
     """The record at 100 psi; the force falls linearly between the reference work's two ends."""
     times = np.asarray(times, float)
     c = contraction(times)
     pressure = np.full(times.shape, 100 * factor("psi", "pressure"))
-    return StrokeLog(times, c * rest_length, 1058 * LBF * (1 - c / 0.354), pressure)
+    return MachineLog(times, c * rest_length, 1058 * LBF * (1 - c / 0.354), pressure)

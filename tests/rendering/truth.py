@@ -32,12 +32,6 @@ class MuscleTruth:
     upper_edge: Array  # points (u, v) of the tape's inner edge, the front half of a circle
     lower_edge: Array
 
-    @property
-    def tape_rows(self) -> tuple[float, float]:
-        """Rows at which the tapes' inner edges cross the middle of the muscle, upper and lower."""
-        middle = self.upper_edge.shape[0] // 2
-        return float(self.upper_edge[middle, 1]), float(self.lower_edge[middle, 1])
-
 
 @dataclasses.dataclass(frozen=True)
 class RulerTruth:

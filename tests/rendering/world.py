@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imaging import Camera
-from imaging.camera import Array, Flags, turned
+from imaging.camera import Array, turned
 
 from .muscle import INCH, MuscleScene, Tape, Weave
 
@@ -69,11 +69,6 @@ class Body:
         self.largest = float(R.max())
         self.cut: tuple[int, Callable[[Array], Array]] | None = None
 
-    @classmethod
-    def cylinder(cls, axis: BodyAxis, first: float, last: float, diameter: float) -> "Body":
-        """A round tape or rod."""
-        return cls(axis, (first, last), np.linspace(first, last, 64), np.full(64, diameter / 2))
-
     def _place(self, y: Array) -> tuple[NDArray[np.intp], Array]:
         """Entry of the table below y and the part of the way to the next."""
         place = np.clip((y - self.y0) / self.step, 0, self.columns[0][0].size - 1 - 1e-6)
@@ -88,12 +83,6 @@ class Body:
             for column, rise in self.columns
         ]
 
-    def _relief(self, offset: Array, right: Flags, y: Array) -> Array:
-        """What the yarns add to R^2 on the side of the body where the ray passes."""
-        i, part = self._place(y)
-        side = right.astype(np.intp)
-        return (1 - part) * offset[side, i] + part * offset[side, i + 1]
-
     def depth(self, a: Array, b: Array) -> Array:
         """Z where the rays (a, b), shape (n,), first meet the body [m]; inf where they miss."""
         y = beside = b * self.depth_of_axis
@@ -101,7 +90,10 @@ class Body:
         for step in range(self.steps):
             q, dq, xc, dx, zc, dz = self._at(y)
             if step == self.steps - 1 and self.offset is not None:
-                q = q + self._relief(self.offset, a * zc > xc, beside)
+                # What the yarns add on the side of the body where the ray passes.
+                i, part = self._place(beside)
+                side = (a * zc > xc).astype(np.intp)
+                q = q + ((1 - part) * self.offset[side, i] + part * self.offset[side, i + 1])
             px, sx = a - dx * b, xc - dx * y
             pz, sz = 1 - dz * b, zc - dz * y
             half = px * sx + pz * sz + dq * b / 2
@@ -175,8 +167,8 @@ class World:
         self.weave = Weave(muscle, self.y, self.R, self.slope)
         offset = [self.weave.outline_offset(phi, self.R) for phi in self._tangent_azimuths()]
         self.offset = np.stack(offset)
-        self.bodies: list[tuple[str, Body | Shoulder, Array]] = []
-        self.bodies.append(("braid", self._braid(first, last), np.array(muscle.albedo)))
+        braid = "braid", self._braid(first, last), np.array(muscle.albedo)
+        self.bodies: list[tuple[str, Body | Shoulder, Array]] = [braid]
         self._add_fitting(muscle.upper, first, -1)
         self._add_fitting(muscle.lower, last, 1)
         if muscle.third is not None:
@@ -269,7 +261,8 @@ class World:
         self._add("tape", one_end, other_end, diameter, np.array(albedo))
 
     def _add(self, kind: str, one: float, other: float, diameter: float, albedo: Array) -> None:
-        body = Body.cylinder(self.axis, min(one, other), max(one, other), diameter)
+        ends = min(one, other), max(one, other)
+        body = Body(self.axis, ends, np.linspace(*ends, 64), np.full(64, diameter / 2))
         self.bodies.append((kind, body, albedo))
 
     def span(self, v_first: float, v_last: float) -> tuple[float, float]:

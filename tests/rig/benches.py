@@ -18,7 +18,6 @@ from rig.simulation import SimulatedRig
 
 PSI = 6894.757293168361
 LIMIT = 110 * PSI
-GAINS = Control.per_psi(4, 2)
 
 
 class Wired(Device):
@@ -45,7 +44,8 @@ class Watched(SimulatedRig):
 def opened(sim, journal=None, **changes):
     """A rig under 110 psi, still to be entered."""
     calibration = changes.pop("calibration", None) or sim.calibration()
-    settings = {"pressure_limit": LIMIT, "control": GAINS, "journal": journal, **changes}
+    gains = Control.per_psi(4, 2)
+    settings = {"pressure_limit": LIMIT, "control": gains, "journal": journal, **changes}
     return Rig(VirtualLink(sim), calibration, **settings)
 
 
@@ -73,17 +73,13 @@ def cable(sim, *, out):
     sim.to_host.cut = sim.to_device.cut = out
 
 
-def noisy(seed, **chances):
-    """A rig behind a line that damages, drops and doubles bytes both ways."""
-    to_device = FaultyChannel(baud=115200, limit=4096, seed=seed, **chances)
-    return SimulatedRig(to_device=to_device, to_host=FaultyChannel(seed=seed + 1, **chances))
-
-
 class Recorder:
     """A link over a line with faults that keeps what the session lets through, and what was sent."""
 
     def __init__(self, seed=0, **chances):
-        self.sim = noisy(seed, **chances)
+        to_device = FaultyChannel(baud=115200, limit=4096, seed=seed, **chances)
+        to_host = FaultyChannel(seed=seed + 1, **chances)
+        self.sim = SimulatedRig(to_device=to_device, to_host=to_host)
         self.sent, take = bytearray(), self.sim.device.take
 
         def taken():
@@ -157,10 +153,6 @@ def records(*numbers, **fields):
     return b"".join(record_line(number, **fields) for number in numbers)
 
 
-# A constant reading may stay so while the output is high: there is no plant.
-REST = (("floor", 0), ("still", 60000), ("frozen", 255, 2000), ("stall", 30000))
-
-
 class Bench:
     """Commands in, ticks at a pressure, the messages that came out; only a reset tears a line."""
 
@@ -198,7 +190,8 @@ class Bench:
 
     def start(self, *, gains=(4, 2), set_psi=40.0):
         """Running at a set point, feed-forward 128, trip at 600 counts; a reading may jump and rest."""
-        begin = (("trip", 600), ("jump", 1023), *REST, ("gain", *gains), ("set", set_psi, 128))
+        rest = ("floor", 0), ("still", 60000), ("frozen", 255, 2000), ("stall", 30000)  # no plant
+        begin = ("trip", 600), ("jump", 1023), *rest, ("gain", *gains), ("set", set_psi, 128)
         for verb, *values in (*begin, ("run",)):
             assert not self.command(verb, *values).reason
 

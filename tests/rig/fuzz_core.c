@@ -4,8 +4,7 @@
  *         tests/rig/fuzz_core.c rig/firmware/famrig_core.c \
  *         rig/firmware/famrig_plausibility.c rig/firmware/famrig_text.c -o fuzz
  *     ./fuzz SEED TICKS        random lines, right, nearly right and not at all
- *     ./fuzz < FILE            what a fuzzer that changes files gives (AFL)
- * With clang -fsanitize=fuzzer,address,undefined -DLIBFUZZER it is a target of libFuzzer. */
+ *     ./fuzz < FILE            what a fuzzer that changes files gives (AFL) */
 #include "famrig_core.h"
 #include "famrig_text.h"
 
@@ -75,15 +74,6 @@ static void run(const uint8_t *data, size_t size)
         tick(pressure, (uint16_t)(what * 4), true);
     }
 }
-
-int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
-int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
-{
-    run(data, size);
-    return 0;
-}
-
-#ifndef LIBFUZZER
 
 static uint32_t state;
 
@@ -156,5 +146,3 @@ int main(int count, char **words)
     }
     return 0;
 }
-
-#endif

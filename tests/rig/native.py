@@ -7,7 +7,6 @@ from pathlib import Path
 
 from rig.controller import Latch
 from rig.device import POWER_ON, TRIP_CEILING, Device, Memory, firmware_folder
-from rig.errors import RigError
 from rig.protocol import DRIVEN
 
 _SOURCES = ("famrig_core.c", "famrig_plausibility.c", "famrig_text.c", "famrig_host.c")
@@ -24,8 +23,7 @@ def build_native(folder: str | Path, *, ring: int = 64, bytes_per_tick: int = 21
         *(str(firmware_folder() / name) for name in _SOURCES), "-o", str(library),
     ]  # fmt: skip
     built = subprocess.run(command, capture_output=True, text=True, check=False)
-    if built.returncode != 0:
-        raise RigError(f"the C compiler failed: {' '.join(command)}\n{built.stderr.strip()}")
+    assert built.returncode == 0, built.stderr
     return library
 
 

@@ -1,12 +1,11 @@
 """The firmware that ships, on a simulated ATmega328P: the same bytes as the core, in time."""
 
 import os
-import shutil
-import subprocess
 
 import pytest
 from avr import GOOD_PRESSURE, hang_delay, lock_step, over_pressure_delay, silence_delay
 from benches import PSI
+from processes import needs, ran
 from session_fuzz import Fuzz
 
 from rig.device import Device, firmware_folder
@@ -26,10 +25,7 @@ def test_avr_sends_what_the_port_sends(seed, avr):
 
 
 def test_no_tick_is_late_and_no_byte_is_lost_at_full_load(avr):
-    """Records at the highest rate, comments, a command in every line: late, overrun stay 0."""
-    fuzz = Fuzz(5, resets=False)
-    lines = Splitter()
-    last = None
+    fuzz, lines, said = Fuzz(5, resets=False), Splitter(), []
     rest = "7 still 60000", "8 frozen 255 2000", "9 stall 30000"
     begin = "1 board 7", "2 tele 4", "3 trip 900", "4 jump 1023", "5 gain 4 2"
     for body in (*begin, *rest, "6 run"):
@@ -37,14 +33,12 @@ def test_no_tick_is_late_and_no_byte_is_lost_at_full_load(avr):
         avr.tick(GOOD_PRESSURE, 0)
         avr.tick(GOOD_PRESSURE, 0)
     for number, tick in enumerate(fuzz.ticks(3030)):
-        if number % 4 == 0:
-            avr.feed(frame(f"{number % 60000 + 10} set {number % 100}.1234 128.5")[:19])
-        elif number % 4 == 1:
-            avr.feed(frame(f"{(number - 1) % 60000 + 10} set {(number - 1) % 100}.1234 128.5")[19:])
+        first = number - number % 4
+        line = frame(f"{first + 10} set {first % 100}.1234 128.5")
+        avr.feed((line[:19], line[19:], b"", b"")[number % 4])
         avr.tick(GOOD_PRESSURE, tick.force)
-        for message in map(parse, lines.feed(avr.take())):
-            last = message if isinstance(message, DeviceStatus) else last
-    assert last is not None
+        said += map(parse, lines.feed(avr.take()))
+    last = [message for message in said if isinstance(message, DeviceStatus)][-1]
     assert last.good > 700
     assert (last.late, last.overrun, last.bad) == (0, 0, 0)
     assert last.state == 1
@@ -80,19 +74,16 @@ def test_hung_program_is_reset_by_the_watchdog(avr):
     assert boots[1] == boots[0] + 2  # the reset of the test, and that of the watchdog
 
 
+@needs("avr-gcc")
+@needs("make")
 def test_sources_build_without_a_warning_into_the_hex_that_ships(tmp_path):
-    if shutil.which("avr-gcc") is None or shutil.which("make") is None:
-        pytest.skip("no avr-gcc or make (Debian: gcc-avr avr-libc make)")
     fast = "BAUD=500000", "BYTES_PER_TICK=91", "RING=32"
     for name, *options in (("fast", *fast, "elf"), ("hex", "hex")):
-        make = ["make", "-C", str(FIRMWARE), f"BUILD={tmp_path / name}", *options]
-        built = subprocess.run(
-            make, capture_output=True, text=True, env={**os.environ, "LC_ALL": "C"}, check=False
-        )
+        make = "make", "-C", FIRMWARE, f"BUILD={tmp_path / name}"
+        built = ran(*make, *options, env=os.environ | {"LC_ALL": "C"})
         assert built.returncode == 0, built.stderr
         assert "warning" not in built.stderr
-    said = subprocess.run(["avr-gcc", "--version"], capture_output=True, text=True, check=True)
-    if PREBUILT_WITH not in said.stdout:
+    if PREBUILT_WITH not in ran("avr-gcc", "--version").stdout:
         pytest.skip(f"the hex that ships is of avr-gcc {PREBUILT_WITH}, this is another")
     built = tmp_path / "hex" / "famrig.hex"
     assert built.read_text() == (FIRMWARE / "famrig.hex").read_text()

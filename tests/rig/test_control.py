@@ -70,10 +70,8 @@ def test_an_audit_sees_an_edited_figure(whole, path, column, by):
     found = audit(read_journal(path))
     assert found.checked - found.equal in {1, 2}  # the next one follows from the integral
     assert found.first_wrong == (0, int(fields[2]))
-    assert (
-        f"records do not follow the control law, starting with record {fields[2]}"
-        in found.faults[0]
-    )
+    wrong = f"records do not follow the control law, starting with record {fields[2]}"
+    assert wrong in found.faults[0]
 
 
 def test_columns_have_units_and_one_row_for_each_record(whole, tmp_path):
@@ -118,10 +116,7 @@ def test_a_recording_that_was_cut_off_is_resumed_and_its_clock_may_begin_anew(wh
         ({"jump_limit": 0.5 * PSI, "unit": "psi"}, "limit of 0.5 psi is 2 counts.*5 to 1023"),
         ({"jump_limit": float("nan")}, "0 counts"),
         ({"stall": 90.0}, "stall must be 0.5 to 30, got 90"),
-        (
-            {"calibration": Calibration(Sensor(300.0, -50.0), Sensor(1.0, 0.0))},
-            "zero must be 0 to 1023",
-        ),
+        ({"calibration": Calibration(Sensor(300, -50), Sensor(1, 0))}, "zero must be 0 to 1023"),
     ],
 )
 def test_settings_that_cannot_be_are_refused(changes, message):
@@ -278,7 +273,6 @@ def test_a_clock_that_drifts_is_mapped_to_a_millisecond(path):
 
 @pytest.mark.skipif(not Path("/dev/full").is_char_device(), reason="there is no /dev/full here")
 def test_a_disk_that_is_truly_full_vents(monkeypatch):
-    """/dev/full refuses every byte as a full disk does."""
     monkeypatch.setattr("rig.journal._sync_data", lambda _: None)
     sim = SimulatedRig()
     journal = journal_of(Path("/dev/full"), sim, append=True)
@@ -407,8 +401,7 @@ def test_strokes_are_waited_for(start, path):
 
 
 def test_a_load_that_never_moves_ends_the_wait_after_60_s(path):
-    """A load cell that has died."""
-    sim = SimulatedRig(device=Wired(lambda pressure, _: (pressure, 141)))
+    sim = SimulatedRig(device=Wired(lambda pressure, _: (pressure, 141)))  # a dead load cell
     with pytest.raises(RigFault, match=r"has not changed for 60 s.*load cell is dead"):
         attended(path, Scripted(lambda *_: None), sim, start="load")
     record = read_journal(path)

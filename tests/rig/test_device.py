@@ -1,13 +1,13 @@
 """What the device does, in Python and in C: states, guards, commands, records; and that both agree."""
 
 import random
-import shutil
 import subprocess
 from pathlib import Path
 
 import pytest
 from benches import Bench
 from native import NativeDevice, build_native
+from processes import needs, ran
 from session_fuzz import Fuzz
 
 from rig import audit, protocol, read_journal
@@ -16,7 +16,6 @@ from rig.protocol import MANUAL, RUN, SAFE, TRIP, DeviceSettings, DeviceStatus, 
 
 SILENCE_TICKS = 500
 TICKS = 12_000  # of two executions side by side; the benchmark does millions
-needs_cc = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler 'cc' on the path")
 
 
 def pins(bench):
@@ -331,16 +330,11 @@ def test_no_line_is_dropped_under_a_full_load(bench):
     assert (status.dropped, status.overrun, status.bad) == (0, 0, 0)
 
 
-OPTIONS = [(seed, {}) for seed in range(4)]
-OPTIONS += [
-    (7, {"ring": 7}),
-    (8, {"ring": 500, "bytes_per_tick": 91}),
-    (9, {"bytes_per_tick": 200}),
-]
+RINGS = (7, {"ring": 7}), (8, {"ring": 500, "bytes_per_tick": 91}), (9, {"bytes_per_tick": 200})
 
 
-@needs_cc
-@pytest.mark.parametrize(("seed", "options"), OPTIONS)
+@needs("cc")
+@pytest.mark.parametrize(("seed", "options"), [*((seed, {}) for seed in range(4)), *RINGS])
 def test_port_and_core_agree(seed, options, tmp_path):
     port, core = Device(**options), NativeDevice(build_native(tmp_path, **options))
     fuzz, sent = Fuzz(seed), 0
@@ -358,7 +352,7 @@ def test_port_and_core_agree(seed, options, tmp_path):
     assert sent > TICKS
 
 
-@needs_cc
+@needs("cc")
 def test_they_agree_at_the_edges_of_every_number(tmp_path):
     """The controller in RUN, its settings at their limits: no product may overflow 32 bits."""
     r, library = random.Random(0), build_native(tmp_path, trip_ceiling=1020)
@@ -392,7 +386,7 @@ def test_they_agree_at_the_edges_of_every_number(tmp_path):
     assert port.state == core.state == RUN
 
 
-@needs_cc
+@needs("cc")
 def test_nothing_is_undefined_or_unsafe_whatever_comes_in(tmp_path):
     """The C core with the compiler's sanitizers: random hosts, and bytes as a fuzzer makes them."""
     program, firmware = tmp_path / "fuzz", firmware_folder()
@@ -400,8 +394,7 @@ def test_nothing_is_undefined_or_unsafe_whatever_comes_in(tmp_path):
     sources = [Path(__file__).with_name("fuzz_core.c"), *(firmware / name for name in names)]
     options = ["-std=c99", "-g", "-O1", "-Wall", "-Wextra", "-Werror", f"-I{firmware}",
                "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]  # fmt: skip
-    build = ["cc", *options, *sources, "-o", program]
-    built = subprocess.run(build, capture_output=True, text=True, check=False)
+    built = ran("cc", *options, *sources, "-o", program)
     if "cannot find" in built.stderr:
         pytest.skip("the compiler has no sanitizers")
     assert built.returncode == 0, built.stderr

@@ -184,7 +184,6 @@ def test_killing_the_recorder_loses_no_more_than_the_last_lines(path):
 
 
 def test_time_goes_on_where_the_ticks_wrap(path):
-    """After 99 days a device counts its ticks from 0 again; the records and their clock go on."""
     with opened(path) as journal:
         for k in range(300):
             tick = (TICKS - 5 * 150 + 5 * k) % TICKS

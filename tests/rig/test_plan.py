@@ -82,11 +82,7 @@ def test_a_file_is_read_in_its_units(tmp_path):
         ("[20, 40.5]", "[20,5]", "decimal commas"),
         ("settle_s = 10", "settle_s = 2\nrise_s = 3", "at most settle_s, 2; got 3"),
         ("settle_s = 10", "settle_s = 2,5", "cannot read the plan"),
-        (
-            "settle_s",
-            "settel_s",
-            r"\[plan\]: unknown key 'settel_s'; valid keys: .*settle_<s.ms.min>",
-        ),
+        ("settle_s", "settel_s", r"\[plan\]: unknown key 'settel_s'; valid .*settle_<s.ms.min>"),
         ("circuit", "circiut", r"\[rig\]: unknown key 'circiut'; circuit is missing: air or water"),
         ('"water"', '"oil"', "circuit must be air or water, got 'oil'"),
         ("[-100, 120]", "[0, 300]", "integral_limits_counts must be"),

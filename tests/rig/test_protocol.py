@@ -13,10 +13,8 @@ from rig.protocol import ControlLaw, Splitter, crc16, frame, next_integral, pars
 LAW = ControlLaw(5120, 32768, 1024, 512, -128, 128, 1632, 12800)
 SETTINGS = "7,20,5120,32768,1024,512,-128,128,1632,12800,5,700,77,1500,500,51,963,350,4,375"
 STATUS = (65535, 3, 17, 3, 2, 900, 1, 2, 3, 4, 5, 16, 901, 131, 2)
-HELLO, SAMPLE = (
-    (3, 3, 7, 8, 500, 5, 64, 21, 900, 9),
-    (15, 4294967295, 500, 1025, 205, 512, 131, -42, 97),
-)
+HELLO = (3, 3, 7, 8, 500, 5, 64, 21, 900, 9)
+SAMPLE = (15, 4294967295, 500, 1025, 205, 512, 131, -42, 97)
 LINES = [
     ("T," + ",".join(map(str, SAMPLE)), protocol.Sample(*SAMPLE)),
     ("S," + ",".join(map(str, STATUS)), protocol.DeviceStatus(*STATUS)),
@@ -89,11 +87,8 @@ def test_the_law_rounds_each_figure_once_and_keeps_within_its_limits():
         assert abs(protocol.pressure_error(law, counts, ticks) - 128 * exact) <= Fraction(1, 2)
 
         error, integral = r.randint(-6400, 6400), r.randint(-128 * 32768, 128 * 32768)
-        u = (
-            Fraction(law.feed_forward, 256)
-            + Fraction(law.proportional, 256) * Fraction(error, 128)
-            + Fraction(integral, 32768)
-        )
+        u = Fraction(law.proportional, 256) * Fraction(error, 128)
+        u += Fraction(law.feed_forward, 256) + Fraction(integral, 32768)
         expected = min(max(u, Fraction(0)), Fraction(255))
         assert abs(protocol.drive(law, integral, error) - expected) <= Fraction(1, 2)
         inside += expected == u

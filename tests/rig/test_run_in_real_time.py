@@ -24,12 +24,6 @@ def port(monkeypatch):
     return port
 
 
-def meanwhile(act):
-    thread = threading.Thread(target=act)
-    thread.start()
-    return thread
-
-
 @pytest.mark.parametrize(
     ("how", "code", "words", "reason"),
     [  # whether the silence or a command without an answer is noticed first is a matter of load
@@ -52,7 +46,8 @@ def test_a_run_that_is_cut_short_is_vented(how, code, words, reason, port, tmp_p
         else:
             os.kill(os.getpid(), signal.SIGHUP)
 
-    thread = meanwhile(end)
+    thread = threading.Thread(target=end)
+    thread.start()
     ended, _, err = command("run", plan, "--port", "p", "--output", tmp_path, "--yes")
     thread.join()
     assert (ended, words in err) == (code, True)
@@ -83,7 +78,8 @@ def test_a_person_at_a_terminal_begins_and_stops(last, port, tmp_path, command, 
         until(lambda: noted('"end"'), 60)
         os.close(keys)
 
-    thread = meanwhile(work)
+    thread = threading.Thread(target=work)
+    thread.start()
     code, out, _ = command("run", plan, "--port", port, "--output", tmp_path, "--yes")
     thread.join()
     assert code == (130 if last else 0)

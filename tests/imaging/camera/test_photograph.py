@@ -81,21 +81,16 @@ def test_a_header_of_more_pixels_than_a_picture_has_is_refused_before_decoding(t
     assert sizes_of(path) == []
 
 
-def saved(rgb, orientation, path):
-    """A file whose pixels lie as a camera held so would have them."""
-    exif = Image.Exif()
-    exif[0x0112] = orientation
-    undone = {1: None, 2: 0, 3: 3, 4: 1, 5: 5, 6: 2, 7: 6, 8: 4}[orientation]
-    picture = Image.fromarray(rgb)
-    stored = picture if undone is None else picture.transpose(Image.Transpose(undone))
-    stored.save(path, exif=exif, quality=97, subsampling=0)
-    return path
-
-
 @pytest.mark.parametrize("kind", ["jpg", "tif"])
 @pytest.mark.parametrize("orientation", range(1, 9))
 def test_every_orientation_is_undone(orientation, kind, tmp_path):
-    path = saved(photo().rgb, orientation, tmp_path / f"one.{kind}")
+    """Of a file whose pixels lie as a camera held so would have them."""
+    exif, path = Image.Exif(), tmp_path / f"one.{kind}"
+    exif[0x0112] = orientation
+    undone = {1: None, 2: 0, 3: 3, 4: 1, 5: 5, 6: 2, 7: 6, 8: 4}[orientation]
+    picture = Image.fromarray(photo().rgb)
+    stored = picture if undone is None else picture.transpose(Image.Transpose(undone))
+    stored.save(path, exif=exif, quality=97, subsampling=0)
     with Image.open(path) as picture:
         by_pillow = np.asarray(ImageOps.exif_transpose(picture))
     read = read_image(path)
@@ -139,10 +134,8 @@ KINDS = [kind for kind in CLASSES if issubclass(kind, ImagingError)]
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_error_survives_the_way_between_processes(kind):
-    error = kind("too little", path="a/b.jpg", blur_px=6.25, tapes=1)
-    again = pickle.loads(pickle.dumps(error))
+    figures = {"blur_px": 6.25, "tapes": 1}
+    again = pickle.loads(pickle.dumps(kind("too little", path="a/b.jpg", **figures)))
     assert type(again) is kind
-    assert (again.message, again.path, again.figures) == (
-        "too little", "a/b.jpg", {"blur_px": 6.25, "tapes": 1},
-    )  # fmt: skip
+    assert (again.message, again.path, again.figures) == ("too little", "a/b.jpg", figures)
     assert str(again) == "a/b.jpg: too little [blur_px = 6.25, tapes = 1]"

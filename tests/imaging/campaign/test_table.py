@@ -8,7 +8,7 @@ import pytest
 from rendering import stroke_log, triangle_stroke
 
 from famjax.app.photographs import with_log
-from fitting.records import MachineLog, synchronise
+from fitting.records import synchronise
 from imaging import Table
 from imaging.campaign import POSITION
 
@@ -39,11 +39,8 @@ def table(**options):
     rng = np.random.default_rng(0)
     lengths = REST * (1 - STROKE(TIMES)) + 2e-5 * rng.standard_normal(40)
     rows = [row(k, float(L), START + 5.0 * k) for k, L in enumerate(lengths)]
-    rows[7] = {
-        "path": 'bad, "odd".jpg',
-        "error": "NoMuscle: nothing, at\nall",
-        "seconds": START + 35.0,
-    }
+    bad = {"path": 'bad, "odd".jpg', "error": "NoMuscle: nothing, at\nall"}
+    rows[7] = bad | {"seconds": START + 35.0}
     return Table.from_rows(rows, scale_relative_stderr=SCALE, **options)
 
 
@@ -88,16 +85,15 @@ def test_contraction_against_a_picture_loses_the_error_of_the_scale():
 def test_the_log_gives_each_picture_its_force_with_the_error_of_interpolation():
     found = table()
     t = np.arange(0, 240, 0.1)
-    record = stroke_log(STROKE, t, REST)
-    log = MachineLog(record.time, record.displacement, record.force, record.pressure)
+    log = stroke_log(STROKE, t, REST)
     clock = synchronise(found["time"], found["length"], log)
     merged = with_log(found, log, clock)
-    truth = np.interp(TIMES, t, record.force)
+    truth = np.interp(TIMES, t, log.force)
     assert clock.offset == pytest.approx(2.0, abs=0.02)
     away = np.abs(merged["force"] - truth)
     assert np.all(away <= 4 * merged["force_stderr"])
-    assert merged["force_stderr"].max() < 0.001 * np.ptp(record.force)
-    assert merged["pressure"][3] == pytest.approx(record.pressure[0])
+    assert merged["force_stderr"].max() < 0.001 * np.ptp(log.force)
+    assert merged["pressure"][3] == pytest.approx(log.pressure[0])
     assert "force_lbf" in cells(merged.csv_text("us"))[0]
     assert "pressure_kPa" in cells(merged.csv_text("metric"))[0]
     assert any("clock" in note for note in merged.notes)

@@ -16,14 +16,11 @@ from imaging.edge import step
 from imaging.errors import MissingFitting
 from tests.imaging.photographs import changed, measured_or_refused, photograph, recipe_of, sigmas
 
-PX_PER_IN = (120.0, 150.0)
 SIGMAS = 3.0
-TUNGSTEN = (1.0, 0.6, 0.25)
-DARK = (0.03, 0.03, 0.031)
 
 
 def scene(seed, *, tape=MappingProxyType({}), ragged_px=0.0, light=None, lens=None, **muscle):
-    made = random_scene(seed, px_per_in=PX_PER_IN)
+    made = random_scene(seed, px_per_in=(120.0, 150.0))
     px = 1 / made.camera.px_per_m
     if tape or ragged_px:
         for k, end in enumerate(("upper", "lower")):
@@ -43,8 +40,8 @@ CASES = {
     "a grey background": {"light": {"cloth": 0.12, "stray": 0.0}},
     "grey on the right": {"light": {"other_cloth": 0.1, "border": 0.6}},
     "grey below": {"light": {"other_cloth": 0.1, "border": 0.6, "border_down": True}},
-    "tungsten light": {"light": {"colour": TUNGSTEN}},
-    "a dark braid on white": {"light": WALL, "albedo": DARK},
+    "tungsten light": {"light": {"colour": (1.0, 0.6, 0.25)}},
+    "a dark braid on white": {"light": WALL, "albedo": (0.03, 0.03, 0.031)},
 }
 
 
@@ -66,21 +63,13 @@ def test_a_background_as_bright_as_the_muscle_is_the_reason_that_is_given():
         measure(render(made, 1).rgb, recipe_of(made))
 
 
-YELLOW = {"hue": 48.0, "saturation": 0.97, "value": 0.8}
-
-
-def a_yellow_tape(seed, motion=0.0):
-    """A braid hardly brighter than its tapes, by a camera's mosaic and a file with half the colour."""
-    white = (0.85, 0.85, 0.83)
-    lens = Lens(blur_px=0.8, motion_px=motion, motion_deg=0.0)
-    made = scene(seed, tape=YELLOW, lens=lens, albedo=white)
-    sensor = dataclasses.replace(made.sensor, bayer=True)
-    return dataclasses.replace(made, sensor=sensor, jpeg=Jpeg(80, "420"))
-
-
 @pytest.mark.parametrize("seed", [4, 11])
 def test_the_softness_of_colour_is_no_motion(seed):
-    made = a_yellow_tape(seed)
+    """A braid hardly brighter than its tapes, by a camera's mosaic and a file with half the colour."""
+    yellow = {"hue": 48.0, "saturation": 0.97, "value": 0.8}
+    made = scene(seed, tape=yellow, lens=Lens(blur_px=0.8), albedo=(0.85, 0.85, 0.83))
+    sensor = dataclasses.replace(made.sensor, bayer=True)
+    made = dataclasses.replace(made, sensor=sensor, jpeg=Jpeg(80, "420"))
     photo = render(made, seed)
     found = measure(photo.rgb, recipe_of(made))
     assert found.quality.tape_blur_px < 1.3 * found.quality.blur_px
@@ -139,27 +128,19 @@ def open_tapes():
     return photo, recipe, measure(photo.rgb, recipe)
 
 
-def covered(part, colour, below, lower):
-    """A rectangle over the left part of a tape, from 60 px before its edge to `below` beyond."""
-    photo, _, sound = open_tapes()
-    u, v = sound.trace.lower if lower else sound.trace.upper
-    inward = -1 if lower else 1
-    left, edge = u.min() - 0.2 * np.ptp(u), v.mean()
-    far = edge - inward * 60
-    near = edge + inward * below
-    corners = [(int(left), round(far)), (int(left + 1.4 * part * np.ptp(u)), round(near))]
-    rgb = photo.rgb.copy()
-    cv2.rectangle(rgb, *corners, colour, -1)
-    return rgb
-
-
 @pytest.mark.parametrize("lower", [False, True])
 @pytest.mark.parametrize("colour", [SKIN, GREY, GLARE])
 @pytest.mark.parametrize("part", [0.25, 0.5, 0.75])
 @pytest.mark.parametrize("below", slow_after(2, [-3, 0, 2, 8]))
 def test_a_covered_tape_gives_the_right_length_or_an_error(part, below, colour, lower):
-    photo, recipe, _ = open_tapes()
-    found = measured_or_refused(covered(part, colour, below, lower), recipe)
+    """By a rectangle over its left part, from 60 px before its edge to `below` beyond."""
+    photo, recipe, sound = open_tapes()
+    u, v = sound.trace.lower if lower else sound.trace.upper
+    inward, left, edge = -1 if lower else 1, u.min() - 0.2 * np.ptp(u), v.mean()
+    far, near = round(edge - inward * 60), round(edge + inward * below)
+    rgb = photo.rgb.copy()
+    cv2.rectangle(rgb, (int(left), far), (int(left + 1.4 * part * np.ptp(u)), near), colour, -1)
+    found = measured_or_refused(rgb, recipe)
     if isinstance(found, ImagingError):
         assert part > 0.25 or not isinstance(found, MissingFitting)
     else:

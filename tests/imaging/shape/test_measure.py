@@ -86,7 +86,7 @@ def test_other_cameras(distance, off_axis):
 def test_a_crop_measures_as_the_frame_it_was_cut_from():
     made = scene()
     shown = photo(made)
-    width, height = PUBLISHED_FRAME[1], PUBLISHED_FRAME[0]
+    height, width = PUBLISHED_FRAME
     offset = ((width - HALF[1]) / 2, (height - HALF[0]) / 2)
     by_centre = measure(shown.rgb, stated(made))
     scale = Scale.manual(made.camera.px_per_m)
@@ -162,8 +162,7 @@ def test_the_scales_error_enters_every_figure():
 def test_the_right_tone_curve_undoes_the_cameras():
     made = dataclasses.replace(scene(), sensor=CameraSensor(s_curve=0.8))
     shown = photo(made)
-    truth = shown.truth
     tones = (made.sensor.tone(), Tone.srgb())
     found = [measure(shown.rgb, stated(made, tone=tone)) for tone in tones]
-    own, standard = (abs(errors(one, truth).mean()) for one in found)
+    own, standard = (abs(errors(one, shown.truth).mean()) for one in found)
     assert own < min(BIAS_PX, standard)

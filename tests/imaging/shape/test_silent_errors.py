@@ -88,21 +88,17 @@ def test_a_tilt_is_seen_half_undone_and_warned_of(base, degrees):
     assert "set the axis upright" in found.warnings[0]
 
 
-def leaning(scene, upper, lower):
-    """A scene whose tapes' edges lean towards the camera by so many degrees."""
-    ends = {}
-    for name, degrees in (("upper", upper), ("lower", lower)):
-        lean = {"slant": np.radians(degrees), "slant_towards": np.pi / 2}
-        ends[name] = dataclasses.replace(getattr(scene.muscle, name), **lean)
-    return changed(scene, muscle=ends)
-
-
 @pytest.mark.parametrize(
     ("upper", "lower"),
     slow_after(2, [(1.5, -1.0), (-2.0, 0.5), (0.0, 2.5), (-3.0, 3.0), (2.0, 2.5)]),
 )
 def test_tapes_that_lean_in_depth_are_measured_by_their_middles(base, upper, lower):
-    found, truth = measured(leaning(base, upper, lower), **STATED)
+    """By so many degrees towards the camera."""
+    ends = {}
+    for name, degrees in (("upper", upper), ("lower", lower)):
+        lean = {"slant": np.radians(degrees), "slant_towards": np.pi / 2}
+        ends[name] = dataclasses.replace(getattr(base.muscle, name), **lean)
+    found, truth = measured(changed(base, muscle=ends), **STATED)
     assert sigmas(found, truth) < 3
     assert abs(found.length - truth.length) < 0.004 * INCH
     assert abs(found.mean_diameter - truth.mean_diameter) < 0.0015 * INCH
@@ -110,9 +106,8 @@ def test_tapes_that_lean_in_depth_are_measured_by_their_middles(base, upper, low
 
 @pytest.mark.parametrize("distance", slow_after(2, [20.0, 35.0, 90.0]))
 def test_a_distance_that_nobody_stated_is_that_of_the_tapes_arcs(base, distance):
-    found, truth = measured(
-        changed(base, camera={"distance": distance * INCH}), **STATED, distance=None
-    )
+    scene = changed(base, camera={"distance": distance * INCH})
+    found, truth = measured(scene, **STATED, distance=None)
     assert abs(found.distance - distance * INCH) < 3 * found.distance_stderr
     assert sigmas(found, truth) < 3
 
@@ -124,10 +119,6 @@ def test_a_distance_that_the_tapes_contradict_is_warned_of_or_refused(base):
     assert sigmas(found, truth) < 3
     with pytest.raises(DistanceContradiction, match="correct --distance, or omit it"):
         measured(changed(base, camera={"distance": 15 * INCH}), **STATED, distance=60 * INCH)
-
-
-def shown_ruler(**changes):
-    return render_ruler(dataclasses.replace(ruler.published_ruler(size=SIZE), **changes), 1)
 
 
 @pytest.mark.parametrize("k1", slow_after(1, [-0.05, 0.03]))
@@ -147,7 +138,8 @@ def test_the_lens_distortion_is_read_off_the_ruler(base, k1):
 
 
 def test_a_ruler_whose_place_nobody_stated_is_warned_of(base):
-    shot = shown_ruler(offset=-0.6 * INCH)
+    behind = dataclasses.replace(ruler.published_ruler(size=SIZE), offset=-0.6 * INCH)
+    shot = render_ruler(behind, 1)
     found, truth = measured(base, scale=calibrate_ruler(shot.rgb), **STATED)
     assert abs(found.length - truth.length) > 10 * found.length_stderr
     assert "--ruler-placement" in found.warnings[0]

@@ -31,12 +31,6 @@ def measured(made):
     return photo, measure(photo.rgb, recipe_of(made, braid_angle=True))
 
 
-def off(photo, found):
-    truth = photo.truth
-    true = np.interp(found.braid.z / found.length, truth.z / truth.length, truth.braid_angle)
-    return (found.braid.angle - true)[found.braid.resolved]
-
-
 CASES = {
     "36 strands": (1, {}),
     "48 strands": (2, {"strands": 48}),
@@ -54,14 +48,16 @@ def test_the_angle_is_that_of_the_strands(case):
     made = scene(seed, **changes)
     photo = photograph(made, 3)
     found = measure(photo.rgb, recipe_of(made, braid_angle=True, orientation="auto"))
+    truth, braid = photo.truth, found.braid
     if not made.lying:
-        assert found.braid.yarns == made.muscle.strands
-    error = off(photo, found)
+        assert braid.yarns == made.muscle.strands
+    true = np.interp(braid.z / found.length, truth.z / truth.length, truth.braid_angle)
+    error = (braid.angle - true)[braid.resolved]
     assert error.size > 8
     assert np.sqrt(np.mean(error**2)) < WITHIN
-    assert np.all(np.abs(error) < SIGMAS * found.braid.stderr[found.braid.resolved])
+    assert np.all(np.abs(error) < SIGMAS * braid.stderr[braid.resolved])
     assert abs(error.mean()) < WITHIN / 2
-    assert found.braid.turns == pytest.approx(photo.truth.turns, rel=0.01)
+    assert braid.turns == pytest.approx(truth.turns, rel=0.01)
 
 
 def test_next_to_the_tapes_there_is_no_angle():
