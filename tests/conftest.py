@@ -1,6 +1,7 @@
 """Set up before anything imports JAX: threads, float64, and run-time checks of every annotation."""
 
 import gc
+import importlib
 import os
 import sys
 import time
@@ -32,24 +33,12 @@ import pytest
 from annotation_checks import check_annotations
 
 jax.config.update("jax_enable_x64", True)
-
 check_annotations(["famjax", "fitting"])
-
 os.environ["FAMJAX_CACHE_DIR"] = str(Path(__file__).parents[1] / ".pytest_cache" / "jax")
 
-
-def _keep_programs() -> None:
-    """Keep what is compiled, here and not in the user's cache.
-
-    For the other worker, for commands that tests start as processes, for what is compiled anew after
-    `_forget_programs`, and for the next run, which takes two thirds of the time.
-    """
-    from famjax.compilation_cache import switch_on
-
-    switch_on()
-
-
-_keep_programs()
+# What is compiled is kept, here and not in the user's cache: for other workers, for commands that
+# tests start as processes, after `_forget_programs`, and for the next run.
+importlib.import_module("famjax.compilation_cache").switch_on()
 
 # What Python compiles of tests and packages is kept, whatever the environment says: for the next run,
 # and for the commands that tests start as processes.
@@ -59,8 +48,6 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 # Tracing makes many objects that live long, and looking through all of them for garbage again and
 # again takes a tenth of the time.
 gc.set_threshold(100_000, 20, 50)
-
-
 BEGUN = time.monotonic()
 LONG_TAKES = 60.0  # [s] that must be left for a test which is given more than the usual time
 
@@ -69,7 +56,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     """How continuous integration does as many of the slow tests as its time allows."""
     group = parser.getgroup("famjax")
     group.addoption(
-        "--begin-within", type=float, metavar="SECONDS", help="skip what is not begun by then"
+        "--begin-within", type=float, metavar="SECONDS", help="skip what is begun later"
     )
     group.addoption("--shuffle", metavar="WORD", help="files in an order that goes with the word")
 

@@ -21,7 +21,6 @@ from scipy.spatial import Delaunay, QhullError
 from tubes import Tube, alike_tube, drawn_rubber
 
 Group = Literal["own", "hard", "bundled"]
-
 BUNDLED = ("DMSP-10-250", "DMSP-20-300")
 COUNTS: Mapping[Group, int] = {"own": 60, "hard": 24, "bundled": 30}
 """Maps of each group unless asked otherwise; `bundled` always has them all."""
@@ -40,7 +39,6 @@ class Readings:
     lines: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
     def text(self) -> str:
-        """The CSV file."""
         head = [f"# specimen: {key} = {value}" for key, value in self.lines.items()]
         rows = zip(self.pressure / 1e3, self.length * 1e3, self.force, strict=True)
         return "\n".join(
@@ -49,7 +47,6 @@ class Readings:
         ) + "\n"  # fmt: skip
 
     def kept(self, which: np.ndarray) -> "Readings":
-        """Those readings alone."""
         columns = (self.length, self.pressure, self.force)
         return Readings(*(column[which] for column in columns), self.lines)
 
@@ -201,7 +198,6 @@ def _steps(
 
 
 def _lines(tube: Tube) -> dict[str, str]:
-    """What a careful person writes of the specimen."""
     return {
         "rest_length_mm": f"{tube.rest_length * 1e3:.4g}",
         "nominal_diameter_mm": f"{tube.bore * 1e3:.4g}",
@@ -232,8 +228,7 @@ def hard_map(seed: int) -> TruthMap:
         whole, force=np.where(exact > 0, np.maximum(noisy, 0.0), 0.0), lines={}
     )
     length, pressure = states(readings)
-    lengths = np.unique(whole.length)
-    gap = float(tube.reading(lengths[-1] - 3e-3, 5e5))
+    gap = float(tube.reading(np.unique(whole.length)[-1] - 3e-3, 5e5))
     about = f"{gap:.0f} N at 5 bar 3 mm below rest, fits within {rmse:.2f} N; {_words(tube)}"
     return TruthMap(
         "hard", f"hard {seed}", seed, about, readings.text(), length, pressure,
@@ -245,7 +240,6 @@ def hard_map(seed: int) -> TruthMap:
 
 
 def bundled_readings(name: str) -> Readings:
-    """A bundled map as its file has it."""
     text = (_DATA / f"{name.lower()}.csv").read_text(encoding="utf-8").splitlines()
     marked = [line.removeprefix("# specimen:") for line in text if line.startswith("# specimen:")]
     lines = {key.strip(): value.strip() for key, _, value in (one.partition("=") for one in marked)}

@@ -20,15 +20,12 @@ _INSTALLS = ("pip install", "python3 -m venv")
 
 @dataclasses.dataclass(frozen=True)
 class Fence:
-    """A block of a page: its language, its text, and its line."""
-
     language: str
     text: str
     line: int
 
 
 def fences(page: Path) -> list[Fence]:
-    """Of a page, in their order."""
     text = page.read_text(encoding="utf-8")
     return [
         Fence(one[1], one[2], text.count("\n", 0, one.start()) + 1) for one in _FENCE.finditer(text)
@@ -66,11 +63,8 @@ def run_page(page: Path, folder: Path) -> int:
 def not_printed(expected: str, printed: str) -> list[str]:
     """Lines that are not among those printed, in that order; numbers to a unit of their last digit."""
     left: Iterator[str] = iter(printed.splitlines())
-    return [
-        line
-        for line in expected.splitlines()
-        if line.strip(" .") and not any(_same(line, other) for other in left)
-    ]
+    lines = (line for line in expected.splitlines() if line.strip(" ."))
+    return [line for line in lines if not any(_same(line, other) for other in left)]
 
 
 def links(page: Path) -> list[str]:
@@ -117,5 +111,4 @@ def _words(line: str) -> list[str]:
 def _unit(number: str) -> float:
     """One of the last digit that is written."""
     mantissa, _, exponent = number.partition("e")
-    decimals = len(mantissa.partition(".")[2])
-    return 10.0 ** (int(exponent or 0) - decimals)
+    return 10.0 ** (int(exponent or 0) - len(mantissa.partition(".")[2]))

@@ -42,9 +42,8 @@ def readings(
     """Of a muscle like `KNOWN`, on a grid of states."""
     L, P = (grid.ravel() for grid in np.meshgrid(np.linspace(0.3, 0.25, lengths), pressures))
     force = np.asarray(muscle.force(L, P))
-    return ForceData(
-        force + noise * np.random.default_rng(seed).normal(size=L.size), P, L, specimen
-    )
+    force = force + noise * np.random.default_rng(seed).normal(size=L.size)
+    return ForceData(force, P, L, specimen)
 
 
 def muscle_map(
@@ -59,14 +58,7 @@ def muscle_map(
 ) -> ForceData:
     """A Mooney-Rivlin muscle of 12 mm bore, braided at 64 deg.
 
-    Args:
-        noise: standard deviation of a reading [N].
-        seed: of the noise.
-        lengths: in parts of the rest length.
-        pressures: gauge [Pa].
-        deadband: [Pa].
-        rig: compliance [m/N] and exponent of one that gives way.
-        rest: rest length [m] of this one of its make.
+    Lengths are in parts of the rest length, `rig` is compliance [m/N] and exponent of one that gives way.
     """
     law = famjax.materials.MooneyRivlinMaterial(0.4e6, 0.15e6)
     muscle = famjax.Muscle(cylinder(0.0135, 64, rest, 1.5e-3), law, deadband_pressure=deadband)
@@ -78,17 +70,13 @@ def muscle_map(
 
 
 def bare_fit(
-    muscle: famjax.Muscle,
-    length: np.ndarray,
-    pressure: np.ndarray,
-    force: np.ndarray,
-    outlook: Outlook | None = None,
+    muscle: famjax.Muscle, *readings: np.ndarray, outlook: Outlook | None = None
 ) -> Identification:
-    """What predictions need and nothing else; without standard errors unless an outlook says some."""
+    """What predictions need of a muscle and its lengths, pressures and forces, and nothing else."""
     specimen = Specimen("bare", float(muscle.geometry.rest_length), 1.8e-3)
     fit = object.__new__(Identification)
     for name, value in {
-        "data": ForceData(force, pressure, length, specimen),
+        "data": ForceData(*readings[::-1], specimen),
         "mounted": famjax.MountedMuscle(muscle, 0.0),
         "outlook": outlook or Outlook(directions=np.zeros((0, 0))),
     }.items():

@@ -112,7 +112,6 @@ FESTO_CYLINDER = famjax.EstimatedGeometry(
 )
 FESTO = famjax.Muscle(FESTO_CYLINDER, famjax.PolynomialMaterial([5.9e6, -19.0e6, 25.8e6]), 40e3)
 """Like the DMSP-20-300: braid inside the wall, stable cubic law, deadband."""
-
 REST = 0.25
 BRAID_10 = famjax.Braid.from_rest(diameter=0.012, braid_angle=1.12, length=REST)
 CYLINDER_10 = famjax.EstimatedGeometry(BRAID_10, famjax.Bladder(REST, 0.012, 1.8e-3, embedded=True))

@@ -83,8 +83,7 @@ def boundary_values(one: Specimen, L: float, P: float, r: np.ndarray, F: float) 
     Z = np.linspace(0, 0.5, r.size)
     slope, lam = np.gradient(r, Z), one.lam(r)
     slope = np.clip(slope, -0.95 * lam, 0.95 * lam)
-    rise = np.sqrt(lam**2 - slope**2)
-    p = (P * np.pi * r**2 + F) * slope / rise
+    p = (P * np.pi * r**2 + F) * slope / np.sqrt(lam**2 - slope**2)
     start = np.stack([r, np.linspace(0, L / 2, r.size), p])
     found = solve_bvp(rates, ends, Z, start, np.array([F]), tol=1e-8, max_nodes=20000)
     assert found.success, found.message

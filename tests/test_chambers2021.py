@@ -40,19 +40,13 @@ def test_chapters_from_the_print(script: str, line: str) -> None:
 
 @pytest.mark.slow
 def test_least_squares_are_the_identification(chapter7: ModuleType) -> None:
-    """Columns and least squares of the open question, and the library's certified fit."""
     question = importlib.import_module("open_question")
     data = question.ends_of_isobars()
     shapes = importlib.import_module("specimen").four_geometries(0.0254, 6894.757293168361)
     model = (shapes[0], question.PressurisedBraid(0.0))
     rmse, left_out, unknowns = question.System.of(data, model).judged("constant", deadband=False)
-    fit = fitting.identify(
-        data,
-        geometry=shapes[0],
-        constraint="none",
-        bounds={"deadband_pressure": (0.0, 0.0)},
-        starts=1,
-    )
+    held = {"deadband_pressure": (0.0, 0.0)}
+    fit = fitting.identify(data, geometry=shapes[0], constraint="none", bounds=held, starts=1)
     np.testing.assert_allclose(unknowns[:3], fit.coefficients[0], rtol=1e-6)
     assert rmse * data.max_force == pytest.approx(fit.errors.rmse, rel=1e-9)
     assert left_out > rmse
@@ -84,10 +78,8 @@ def test_answer_follows_from_the_numbers(chapter7: ModuleType) -> None:
     assert "they suffice:" in second
     first, second = chapter7.answer(changed("own", left_out=0.02))
     assert "they are enough for 2 of 2" in first
-    assert (
-        "they do not: the best constant law (estimated inelastic, deadband zero) has an error of 2 %"
-        in second
-    )
+    assert "they do not: the best constant law (estimated inelastic, deadband zero)" in second
+    assert "has an error of 2 %" in second
 
 
 @pytest.mark.slow

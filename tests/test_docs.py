@@ -45,9 +45,7 @@ TUTORIALS = DOCS / "tutorials.md"
     ],
     ids=lambda page: page.relative_to(ROOT).as_posix(),
 )
-def test_every_fence_of_a_page_runs(
-    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_every_fence_of_a_page_runs(page, tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     if page == README:
@@ -68,8 +66,7 @@ def test_every_fence_of_the_lab_runs_and_its_report_is_explained(
     muscle = Path("examples", "muscle")
     shutil.copytree(ROOT / muscle, muscle, ignore=shutil.ignore_patterns("results"))
     assert run_page(LAB, tmp_path) > 5
-    report = muscle / "results" / "report" / "report.html"
-    labels = labels_of_page(report.read_text())
+    labels = labels_of_page((muscle / "results" / "report" / "report.html").read_text())
     assert len(labels) > 30
     assert not unexplained(labels)
 
@@ -164,9 +161,7 @@ def test_every_figure_is_shown() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("tool", ["mkdocs", "zensical"])
-def test_builds_without_a_warning_and_loads_nothing_from_elsewhere(
-    tool: str, tmp_path: Path
-) -> None:
+def test_builds_without_a_warning_and_loads_nothing_from_elsewhere(tool, tmp_path) -> None:
     if shutil.which(tool) is None and not (Path(sys.executable).parent / tool).exists():
         pytest.skip(f"{tool} is not installed: pip install -e '.[docs]'")
     copy = tmp_path / "copy"
@@ -194,7 +189,6 @@ def loaded_from_elsewhere(html: str) -> list[str]:
 
 
 def load(name: str) -> object:
-    """A script of the documentation as a module."""
     spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None

@@ -37,8 +37,7 @@ def test_a_joint_in_mujoco() -> None:
 @pytest.mark.slow
 @pytest.mark.timeout(200)
 def test_engines() -> None:
-    told = of("engines")
-    (names, same) = re.findall(r"the same on (.+): (\w+)", told)[0]
+    (names, same) = re.findall(r"the same on (.+): (\w+)", of("engines"))[0]
     assert names.startswith("this process, two processes, concurrent.futures")
     assert same == "True"
 

@@ -19,7 +19,6 @@ def normal(label: str) -> str:
 
 
 def terms() -> list[tuple[str, str]]:
-    """What the glossary explains, and how."""
     rows = re.findall(r"^\| (.+?) \| (.+) \|$", GLOSSARY.read_text(), re.MULTILINE)
     return [(one, said) for names, said in rows if names != "term" for one in names.split("; ")]
 
@@ -61,10 +60,7 @@ def test_tables_of_a_fit_with_all_evidence() -> None:
         bootstrap=fitting.bootstrap(found, 3),
         shared=carry(found, moves_of(data, errors)),
     )
-    tables = [
-        *Findings(found, evidence).tables(),
-        Findings(found, evidence).numbers("metric"),
-    ]
+    tables = [*Findings(found, evidence).tables(), Findings(found, evidence).numbers("metric")]
     assert len(tables) == 4
     assert not unexplained([c for _, head, rows in tables for c in (*head, *(r[0] for r in rows))])
 

@@ -25,7 +25,6 @@ from scipy.optimize import least_squares
 Law = Literal["mooney-rivlin", "ogden", "gent", "yeoh"]
 Ends = Literal["none", "cones", "domes"]
 Branch = Literal["mean", "shortening", "lengthening"]
-
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)
 _STEP = 1e-30
 _ROUNDS, _SETTLED = 60, 1e-8  # of the iteration for stretched threads and a rig that gives way
@@ -188,14 +187,11 @@ class Tube:
 
 
 def _slopes(function: Any, x: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Derivatives by the cylinder's and the threads' length."""
     along = np.imag(function(x + 1j * _STEP, b + 0j)) / _STEP
     return along, np.imag(function(x + 0j, b + 1j * _STEP)) / _STEP
 
 
-def alike_tube(
-    length: np.ndarray, pressure: np.ndarray, force: np.ndarray, seed: int
-) -> tuple[Tube, float]:
+def alike_tube(length: Any, pressure: Any, force: np.ndarray, seed: int) -> tuple[Tube, float]:
     """A muscle that fits loaded readings within `FITS_WITHIN`, drawn anew until it does; its RMSE [N]."""
     random = np.random.default_rng((seed, 2))
     while True:
@@ -243,7 +239,6 @@ def _drawn(random: np.random.Generator, rest: float) -> tuple[Tube, list[tuple[f
         rest, 0.010, 1.8e-3, float(random.uniform(0.1, 0.9)), np.deg2rad(64.0), law, ends=ends,
         end_size=float(random.uniform(1.2, 4.0) if ends == "cones" else random.uniform(0.5, 3.0)),
     )  # fmt: skip
-
     ranges = {
         "mooney-rivlin": ((0.0, 1.0),),
         "ogden": ((1.0, 6.0), (-10.0, -0.5), (0.0, 1.0)),

@@ -22,7 +22,6 @@ pressure_kPa,length_mm,force_N
 
 
 def measured(case):
-    """Stands in for a measure."""
     return {"readings": float(case.map.loaded.sum()), "nan": math.nan}
 
 
@@ -65,10 +64,7 @@ def test_data_are_maps_folders_and_places(csv, tmp_path):
     words = [f"bpa10 10cm={csv}", "DMSP-10-250", str(tmp_path)]
     assert acceptance.given_data(words) == ({"bpa10 10cm": str(csv)}, ["DMSP-10-250", str(csv)])
     (tmp_path / "empty").mkdir()
-    for bad, why in (
-        ("nowhere", "there is no nowhere"),
-        (str(tmp_path / "empty"), "has no CSV file"),
-    ):
+    for bad, why in (("nowhere", "no nowhere"), (str(tmp_path / "empty"), "no CSV file")):
         with pytest.raises(ValueError, match=why):
             acceptance.given_data([bad])
 
@@ -115,5 +111,4 @@ def test_lines_file_and_exit_code(tiny, csv, tmp_path, monkeypatch, capsys):
 
 @pytest.mark.slow
 def test_certificates_hold_on_another_map():
-    """Nothing in what is asked of a certificate belongs to one map."""
     assert acceptance.main(["--only", "certificate", "--data", "DMSP-10-250"]) == 0

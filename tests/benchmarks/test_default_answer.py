@@ -16,7 +16,6 @@ from fitting import load_bundled, read_csv
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 answers = pytest.importorskip("default_answer")
 sys.path.pop(0)
-
 TESTS = Path(__file__).parents[1]
 
 
@@ -65,8 +64,7 @@ def test_every_law_has_its_modulus_at_small_strains(law, shape):
 def test_the_rig_is_in_the_reading(tube):
     rigid = tube.reading(0.23, 5e5)
     give = 1e-6
-    gives = dataclasses.replace(tube, rig_give=give)
-    found = gives.reading(0.23, 5e5)
+    found = dataclasses.replace(tube, rig_give=give).reading(0.23, 5e5)
     assert found == pytest.approx(tube.reading(0.23 - give * found, 5e5), rel=1e-6)
     assert found < rigid
     assert dataclasses.replace(tube, gain=1.02).reading(0.23, 5e5) == pytest.approx(1.02 * rigid)

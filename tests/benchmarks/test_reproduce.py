@@ -94,7 +94,6 @@ def test_every_printed_figure_at_hand_is_compared_or_an_input(loaded, found):
 
 
 def _keys(key, value):
-    """Places of all figures in a part of the reference file."""
     if isinstance(value, dict):
         return [one for name, part in value.items() for one in _keys(f"{key}.{name}", part)]
     if isinstance(value, list):

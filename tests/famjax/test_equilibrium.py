@@ -124,10 +124,8 @@ def _short(**changes: object) -> EquilibriumMuscle:
     braids = [Braid.from_rest(diameter=0.9, braid_angle=np.deg2rad(a), length=2.7, thickness=0.01)
               for a in (68.0, 72.0)]  # fmt: skip
     thin, thick = Bladder(2.7, 0.875, 0.04), Bladder(2.7, 0.875, 0.07)
-    sections = [
-        Section(0.6, braids[0], thin, far_bladder=thick),
-        Section(0.4, braids[1], thick, MooneyRivlinMaterial(25.0, 15.0)),
-    ]
+    near = Section(0.6, braids[0], thin, far_bladder=thick)
+    sections = [near, Section(0.4, braids[1], thick, MooneyRivlinMaterial(25.0, 15.0))]
     return EquilibriumMuscle(braids[0], thin, LATEX, end_diameter=0.86, other_end_diameter=0.95,
                              sections=sections, **changes)  # fmt: skip
 

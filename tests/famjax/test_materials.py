@@ -13,14 +13,7 @@ from muscles import AREA, B0, L0, N
 from scipy.optimize import brentq
 
 import famjax
-from famjax.braids import (
-    AbstractThread,
-    ElasticBraid,
-    LinearThread,
-    ToeThread,
-    strain_under_line,
-    thread_tension,
-)
+from famjax.braids import AbstractThread, LinearThread, ToeThread, strain_under_line, thread_tension
 from famjax.materials import AbstractHyperelastic, AbstractMaterial
 
 EXACT = 1e-12  # a few roundings
@@ -54,9 +47,8 @@ def test_gaylord_force_is_the_virtual_work_of_the_braid_volume(festo):
     braid = festo.geometry.braid
     lengths = jnp.linspace(0.2, 0.33, 40)
     slope = jax.jit(jax.vmap(jax.grad(lambda L: jnp.pi / 4 * braid.diameter(L) ** 2 * L)))(lengths)
-    force = famjax.braids.gaylord_force(
-        4e5, braid.diameter(lengths) / 2, braid.braid_angle(lengths)
-    )
+    radius, angle = braid.diameter(lengths) / 2, braid.braid_angle(lengths)
+    force = famjax.braids.gaylord_force(4e5, radius, angle)
     np.testing.assert_allclose(force, -4e5 * slope, rtol=1e-11, atol=1e-9)
 
 
@@ -99,7 +91,7 @@ PRESSURES = np.linspace(0, 200, 21)
 CONTRACTIONS = np.linspace(-0.05, 0.45, 11)
 MODULI = np.geomspace(0.05e6, 30e6, 14)
 P, L, E = (
-    grid.ravel() for grid in np.meshgrid(PRESSURES, L0 * (1 - CONTRACTIONS), MODULI, indexing="ij")
+    g.ravel() for g in np.meshgrid(PRESSURES, L0 * (1 - CONTRACTIONS), MODULI, indexing="ij")
 )
 SHARE = B0 * P * L / (2 * np.pi * N**2 * n * AREA * E)  # of the thread's stiffness
 
@@ -107,28 +99,21 @@ SHARE = B0 * P * L / (2 * np.pi * N**2 * n * AREA * E)  # of the thread's stiffn
 @jax.jit
 @jax.vmap
 def lengths_of(thread: AbstractThread, length: jax.Array, pressure: jax.Array) -> jax.Array:
-    return ElasticBraid(B0, N, 0.011, n, thread).thread_length(length, pressure)
+    return famjax.braids.ElasticBraid(B0, N, 0.011, n, thread).thread_length(length, pressure)
 
 
 def over_grid(make: Callable[[jax.Array], AbstractThread]) -> np.ndarray:
     return np.asarray(lengths_of(jax.vmap(make)(E), L, P))
 
 
-def closed_form(length, pressure, modulus):
-    """B = B0 / (1 - B0 P L / (2 pi N^2 n A_b E_b)): tension P L B / (2 pi N^2 n), Hooke's law."""
-    return B0 / (1 - B0 * pressure * length / (2 * np.pi * N**2 * n * AREA * modulus))
-
-
 def test_linear_thread_meets_the_closed_form_on_the_whole_grid():
-    """Every pressure to 200 psi, -5 to 45 %, 0.05e6 to 30e6 psi, nan exactly beyond the limit."""
     B = over_grid(lambda modulus: LinearThread(modulus, AREA))
     assert np.sum(SHARE >= 1) > 100  # both sides of the limit are on the grid
     with np.errstate(divide="ignore"):
-        expected = np.where(SHARE < 1, closed_form(L, P, E), np.nan)
+        expected = np.where(SHARE < 1, B0 / (1 - SHARE), np.nan)  # tension P L B / (2 pi N^2 n)
     np.testing.assert_array_equal(np.isnan(B), np.isnan(expected))
     # The equation itself amplifies rounding by 1 / (1 - share).
-    error = np.abs(B / expected - 1) * np.abs(1 - SHARE)
-    assert np.nanmax(error) < 1e-14
+    assert np.nanmax(np.abs(B / expected - 1) * np.abs(1 - SHARE)) < 1e-14
 
 
 @pytest.mark.parametrize(
@@ -145,8 +130,7 @@ def test_toe_thread_meets_its_quadratic_on_the_whole_grid(toe_strain, toe_tensio
     T = (-b + np.sqrt(b**2 - 4 * a * c)) / (2 * a)
     strain = T / (AREA * E) + toe_strain * T / (T + toe_tension)
     np.testing.assert_array_equal(np.isnan(B), ~inside)
-    error = np.abs(B / (B0 * (1 + strain)) - 1) * (1 - share)
-    assert np.max(error[inside]) < 1e-14
+    assert np.max((np.abs(B / (B0 * (1 + strain)) - 1) * (1 - share))[inside]) < 1e-14
 
 
 @pytest.mark.parametrize("distance", [1e-2, 1e-6, 1e-9, 1e-12])
@@ -154,8 +138,7 @@ def test_toe_thread_meets_its_quadratic_on_the_whole_grid(toe_strain, toe_tensio
 def test_the_solve_ends_up_to_the_limit(distance, toe_strain):
     """eps = m (1 + eps) + e_t / (1 + T_t / T) with T = m (1 + eps), m short of 1 by `distance`."""
     thread = ToeThread(1.0, 1.0, toe_strain, 0.002)
-    slope = jnp.asarray(1 - distance)
-    strain, found = strain_under_line(thread, slope)
+    strain, found = strain_under_line(thread, jnp.asarray(1 - distance))
     assert bool(found)
     # Far out the toe is used up: (1 + e_t) / distance, but for parts of the order of `distance`
     assert float(1 + strain) * distance == pytest.approx(1 + toe_strain, rel=1e-3 + distance)
@@ -189,10 +172,8 @@ def _closed_form(name: str, a: float, b: float) -> float:
 
 
 STATES: dict[str, Callable[[float], float]] = {
-    "equibiaxial": lambda stretch: stretch,
-    "uniaxial": lambda stretch: stretch**-0.5,
-    "pure shear": lambda stretch: 1.0,
-}
+    "equibiaxial": lambda a: a, "uniaxial": lambda a: a**-0.5, "pure shear": lambda a: 1.0,
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("state", STATES)
@@ -201,10 +182,8 @@ def test_cauchy_stresses_equal_closed_forms(name, state):
     law = HYPERELASTIC[name]
     stretches = np.array([0.6, 0.95, 1.0, 1.3, 2.5])
     others = np.array([STATES[state](stretch) for stretch in stretches])
-    everything = (
-        *_stresses(law, stretches - 1, others - 1, np.array(1e5)),
-        _alone(law, stretches - 1),
-    )
+    both = _stresses(law, stretches - 1, others - 1, np.array(1e5))
+    everything = *both, _alone(law, stretches - 1)
     for stretch, other, axial, hoop, along in zip(stretches, others, *everything, strict=True):
         size = abs(_closed_form(name, stretch, other)) + 1
         assert float(axial) == pytest.approx(_closed_form(name, stretch, other), abs=EXACT * size)

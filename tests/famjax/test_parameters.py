@@ -14,7 +14,6 @@ from muscles import FESTO
 import famjax
 
 EXACT = 1e-12
-
 MUSCLE = FESTO.with_parameters({"braid_angle": 1.1})
 EMBEDDED = MUSCLE.geometry
 
@@ -47,9 +46,8 @@ def test_a_law_is_named_by_its_class_alone(law):
 
 def test_a_muscle_has_the_parameters_of_an_identification():
     soft = famjax.braids.CompliantBraid.of(EMBEDDED.braid, 1e-6)
-    ends = famjax.geometries.EndEffectGeometry(
-        famjax.EstimatedGeometry(soft, EMBEDDED.bladder), 1.1
-    )
+    shape = famjax.EstimatedGeometry(soft, EMBEDDED.bladder)
+    ends = famjax.geometries.EndEffectGeometry(shape, 1.1)
     mounted = famjax.MountedMuscle(famjax.Muscle(ends, MUSCLE.material, 0.0), 1e-6)
     assert [(name, one.unit, one.kind, one.high) for name, one in mounted.declared().items()] == [
         ("braid_diameter", "m", "length", 0.08),
@@ -123,9 +121,8 @@ def test_apart_and_together():
 def test_the_box_and_the_whole_space():
     bounds = {"E_1": (0.0, math.inf), "E_2": (-math.inf, 1e7), "E_3": (-math.inf, math.inf)}
     apart = famjax.take_apart(MUSCLE, (*FREE, "E_3"), bounds=bounds)
-    np.testing.assert_allclose(
-        apart.scaled_from_unbounded(apart.unbounded), apart.scaled, rtol=1e-12
-    )
+    back = apart.scaled_from_unbounded(apart.unbounded)
+    np.testing.assert_allclose(back, apart.scaled, rtol=1e-12)
     z = np.linspace(-6.0, 6.0, 6) * np.array([[1.0], [-1.0]])
 
     @jax.jit

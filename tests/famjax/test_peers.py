@@ -18,7 +18,6 @@ from fitting import load_bundled
 
 EXACT = 1e-10  # the same algebra in another order
 PRINTED = 6e-3  # figures known to two decimals
-
 L0, D0, THETA = 0.25, 0.012, 1.12
 L, P = np.meshgrid(np.linspace(0.2, 0.2499, 4), np.array([1e5, 3.5e5, 6e5]))
 
@@ -37,10 +36,8 @@ def test_klute_and_hannafords_bladder_is_virtual_work_of_its_energy():
         stored = famjax.materials.MooneyRivlinMaterial(2e5, 1e5).energy(length / L0, hoop)
         return CYLINDER.bladder.volume * stored
 
-    lengths = jnp.asarray(L.ravel())
-    expected = peers.Gaylord(BRAID, 3e4).force(L, P) + jax.jit(jax.vmap(jax.grad(energy)))(
-        lengths
-    ).reshape(L.shape)
+    wall = jax.jit(jax.vmap(jax.grad(energy)))(jnp.asarray(L.ravel())).reshape(L.shape)
+    expected = peers.Gaylord(BRAID, 3e4).force(L, P) + wall
     np.testing.assert_allclose(MODELS["klute_hannaford"].force(L, P), expected, rtol=EXACT)
 
 

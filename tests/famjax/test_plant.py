@@ -8,24 +8,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from famjax import plant as plants
 from famjax.boundary.errors import InputError
-from famjax.plant import (
-    ATMOSPHERE,
-    TICK,
-    Command,
-    DahlFriction,
-    HydraulicCircuit,
-    LinearMcKibben,
-    MovingLoad,
-    Plant,
-    PneumaticCircuit,
-    PressureController,
-    Regulated,
-    SteppedPlant,
-    choked_share,
-    simulate,
-    solve_adaptively,
-)
+from famjax.plant import TICK, Command, LinearMcKibben, Plant, PneumaticCircuit, simulate
 from famjax.slip import MaxwellSlip, SlipElements
 from famjax.units import INCH, LBF, PSI
 from rig.controller import DeviceControl, Latch
@@ -41,7 +26,7 @@ TESTS = {
     "water": ((0.75, 0, 0, 1), (0.6, 0, 0, 1), (0.6, 0, -0.04, 1), (0.6, 0, 0.04, 1), (0.3, 0, 0, 1),
               (0.9, 0, -0.2, 1), (0.5, 0, 0.2, 1), (0.5, 0, -0.02, 1), (0, 1, 0, 1)),
 }  # fmt: skip
-CIRCUITS = {"air": PneumaticCircuit, "water": HydraulicCircuit}
+CIRCUITS = {"air": PneumaticCircuit, "water": plants.HydraulicCircuit}
 
 
 def last(states):
@@ -56,8 +41,8 @@ def rms(x) -> float:
 @pytest.mark.parametrize("fluid", TESTS)
 def test_a_whole_test_in_ticks_is_its_adaptive_solution(fluid):
     pytest.importorskip("diffrax")
-    plant = Plant(CIRCUITS[fluid](), LinearMcKibben(), friction=DahlFriction())
-    solve = jax.jit(lambda state, command: solve_adaptively(plant, state, command, times))
+    plant = Plant(CIRCUITS[fluid](), LinearMcKibben(), friction=plants.DahlFriction())
+    solve = jax.jit(lambda state, command: plants.solve_adaptively(plant, state, command, times))
     state = precise = plant.start()
     pressures, forces = [], []
     for signal, dump, rate, seconds in TESTS[fluid]:
@@ -75,14 +60,14 @@ def test_a_whole_test_in_ticks_is_its_adaptive_solution(fluid):
 
 def air_rate(t: float, P: float, V: float, rate: float) -> float:
     """dP/dt [Pa/s] of the open valve from the supply and of its leak, written out."""
-    p, supply, C, b = P + ATMOSPHERE, 115 * PSI + ATMOSPHERE, 3.9e-9, 0.3
+    p, supply, C, b = P + plants.ATMOSPHERE, 115 * PSI + plants.ATMOSPHERE, 3.9e-9, 0.3
     opening = 1 - np.exp(-t / 0.012)
 
     def share(r: float) -> float:
         return 1.0 if r <= b else np.sqrt(1 - ((r - b) / (1 - b)) ** 2)
 
     into = (0.004 + opening) * C * supply * share(p / supply)
-    out = 0.004 * C * p * share(ATMOSPHERE / p) if P > 0.06 * ATMOSPHERE else 0.0
+    out = 0.004 * C * p * share(plants.ATMOSPHERE / p) if P > 0.06 * plants.ATMOSPHERE else 0.0
     return 1.2 * (1e5 * (into - out) - p * rate) / (V + 5e-6)
 
 
@@ -97,7 +82,7 @@ def water_rate(t: float, P: float, V: float, rate: float) -> float:
 @pytest.mark.parametrize(("fluid", "rate"), [("air", air_rate), ("water", water_rate)])
 def test_a_fill_is_that_of_its_equations_written_out(fluid, rate):
     """By SciPy, without the plant's code: from 20 psi while the muscle shortens."""
-    circuit = PneumaticCircuit() if fluid == "air" else HydraulicCircuit(relief=None)
+    circuit = PneumaticCircuit() if fluid == "air" else plants.HydraulicCircuit(relief=None)
     plant, speed = Plant(circuit, LinearMcKibben()), -2e-3
     start = plant.start(pressure=20 * PSI)
     four, B, L0 = 4 * np.pi * 1.09**2, 9.89 * INCH, 9.28125 * INCH
@@ -108,9 +93,8 @@ def test_a_fill_is_that_of_its_equations_written_out(fluid, rate):
         return [rate(t, float(P[0]), V, (B**2 - 3 * L**2) / four * speed)]
 
     times = np.arange(1, 101) * TICK
-    exact = solve_ivp(
-        slope, (0, 0.2), [20 * PSI], method="LSODA", rtol=1e-10, atol=1e-3, t_eval=times
-    )
+    how = {"method": "LSODA", "rtol": 1e-10, "atol": 1e-3, "t_eval": times}
+    exact = solve_ivp(slope, (0, 0.2), [20 * PSI], **how)
     found = simulate(plant, Command(np.ones(100), 0.0, speed), TICK, start=start).pressure
     assert exact.y[0, -1] > 40 * PSI
     assert np.abs(found - exact.y[0]).max() < 0.02 * PSI
@@ -118,7 +102,7 @@ def test_a_fill_is_that_of_its_equations_written_out(fluid, rate):
 
 @pytest.mark.parametrize("at", [0.05, 0.7, 0.0])
 def test_an_orifice_has_no_kink(at):
-    below, above = (jax.grad(choked_share)(at + side, 0.3) for side in (-1e-9, 1e-9))
+    below, above = (jax.grad(plants.choked_share)(at + side, 0.3) for side in (-1e-9, 1e-9))
     assert float(below) == pytest.approx(float(above), rel=1e-6, abs=1e-7)
 
 
@@ -128,7 +112,7 @@ def test_a_closed_air_volume_is_polytropic():
     states = simulate(plant, Command(np.full(1000, 128 / 255), 0.0, -0.01), TICK, start=start)
     V = np.asarray(plant.muscle.volume(states.position, 0.0)) + 5e-6
     V0 = float(plant.muscle.volume(start.position, 0.0)) + 5e-6
-    exact = (3e5 + ATMOSPHERE) * (V0 / V) ** 1.2 - ATMOSPHERE
+    exact = (3e5 + plants.ATMOSPHERE) * (V0 / V) ** 1.2 - plants.ATMOSPHERE
     np.testing.assert_allclose(states.pressure, exact, rtol=CLOSED)
 
 
@@ -136,7 +120,8 @@ def test_only_the_relief_valve_stops_a_blocked_needle():
     """The needle blocks at 50 psi; above 115 psi the pump is stopped and the dump valve opened."""
 
     def peak(**circuit) -> float:
-        plant = Plant(HydraulicCircuit(needle=0.0, bulk_modulus=200e6, **circuit), LinearMcKibben())
+        blocked = plants.HydraulicCircuit(needle=0.0, bulk_modulus=200e6, **circuit)
+        plant = Plant(blocked, LinearMcKibben())
         start = plant.start(pressure=50 * PSI)
         start = dataclasses.replace(start, opening=jnp.array(0.8))
         running = simulate(plant, Command(np.full(400, 200 / 255)), 1e-3, start=start)
@@ -151,10 +136,10 @@ def test_only_the_relief_valve_stops_a_blocked_needle():
 
 
 def test_a_stepped_plant_is_the_plant():
-    plant = Plant(PneumaticCircuit(), LinearMcKibben(), friction=DahlFriction())
+    plant = Plant(PneumaticCircuit(), LinearMcKibben(), friction=plants.DahlFriction())
     command = Command(np.repeat([0.8, 0.0], 20), np.repeat([0.0, 1.0], 20), -1e-3)
     states = simulate(plant, command, TICK)
-    stepped = SteppedPlant(plant, TICK)
+    stepped = plants.SteppedPlant(plant, TICK)
     for signal, dump, length in zip(command.signal, command.dump, states.position, strict=True):
         stepped.step(float(signal), float(dump), float(length))
     assert stepped.pressure == pytest.approx(float(states.pressure[-1]), rel=CLOSED)
@@ -164,9 +149,8 @@ def test_a_stepped_plant_is_the_plant():
 @pytest.mark.slow
 @pytest.mark.parametrize("fluid", CIRCUITS)
 def test_gradients_of_two_seconds_in_every_number(fluid):
-    plant = Plant(
-        CIRCUITS[fluid](), LinearMcKibben(), friction=DahlFriction(dry=2.0), viscosity=50.0
-    )
+    friction = plants.DahlFriction(dry=2.0)
+    plant = Plant(CIRCUITS[fluid](), LinearMcKibben(), friction=friction, viscosity=50.0)
     command = Command(np.repeat([0.72, 0.5, 0.3, 0.95], 250), np.repeat([0.0, 0.0, 0.0, 0.3], 250),
                       np.repeat([0.0, -1e-3, 2e-3, 0.0], 250))  # fmt: skip
     names, values = zip(*plant.parameters().items(), strict=True)
@@ -189,18 +173,19 @@ def test_gradients_of_two_seconds_in_every_number(fluid):
 
 
 RADII, LENGTHS = np.array([0.02, -0.02]), np.array([0.21, 0.21])
+HUNG = plants.MovingLoad.hung
 MOVED = {
-    "hung": (lambda circuit: Plant(circuit, LinearMcKibben(), MovingLoad.hung(40.0, damping=200.0)), 0.21),
+    "hung": (lambda circuit: Plant(circuit, LinearMcKibben(), HUNG(40.0, damping=200.0)), 0.21),
     "sprung": (
         lambda circuit: Plant(
-            circuit, LinearMcKibben(), MovingLoad.hung(5.0, stiffness=4e3, relaxed=0.25, damping=100.0),
+            circuit, LinearMcKibben(), HUNG(5.0, stiffness=4e3, relaxed=0.25, damping=100.0),
             viscosity=150.0,
         ), 0.22,
     ),
     "joint": (
         lambda circuit: Plant(
             (circuit, circuit), (LinearMcKibben(), LinearMcKibben()),
-            MovingLoad.joint(0.02, radii=RADII, lengths=LENGTHS, damping=0.5),
+            plants.MovingLoad.joint(0.02, radii=RADII, lengths=LENGTHS, damping=0.5),
         ), 0.0,
     ),
 }  # fmt: skip
@@ -215,7 +200,7 @@ def test_a_moving_load_is_its_adaptive_solution(load):
     start = plant.start(position, 2e5)
     signal = np.array([0.6, 0.45]) if load == "joint" else 0.55
     times = np.arange(1, 251) * TICK
-    exact = jax.jit(lambda: solve_adaptively(plant, start, Command(signal), times))()
+    exact = jax.jit(lambda: plants.solve_adaptively(plant, start, Command(signal), times))()
     steps = np.broadcast_to(signal, (1000, *np.shape(signal)))
     fine = jax.tree.map(lambda x: x[3::4], simulate(plant, Command(steps), TICK / 4, start=start))
     ticks = simulate(plant, Command(steps[:250]), TICK, start=start)
@@ -247,7 +232,7 @@ def test_the_controller_is_the_firmware_s():
         device.execute(verb, values)
     device.next_law, device.changed = law, True
     device.execute(b"run", [])
-    controller = PressureController(
+    controller = plants.PressureController(
         3 / 255 / PSI, 40 / 255 / PSI, [100 / 255], low=-30 / 255, high=30 / 255
     )
     rng = np.random.default_rng(1)
@@ -268,8 +253,8 @@ def test_the_controller_is_the_firmware_s():
 
 
 def test_a_regulated_plant_holds_its_set_pressure_through_a_stroke():
-    plant = Plant(PneumaticCircuit(), LinearMcKibben(), friction=DahlFriction())
-    regulated = Regulated(plant, PressureController(4 / 255 / PSI, 2 / 255 / PSI))
+    plant = Plant(PneumaticCircuit(), LinearMcKibben(), friction=plants.DahlFriction())
+    regulated = plants.Regulated(plant, plants.PressureController(4 / 255 / PSI, 2 / 255 / PSI))
     command = Command(np.full(6000, 40 * PSI), 0.0, np.repeat([0.0, -1e-3, 1e-3], 2000))
     pressures = simulate(regulated, command, TICK).plant.pressure / PSI
     assert float(jnp.abs(pressures[1500:] - 40).max()) < 2.0
@@ -280,7 +265,7 @@ def test_a_regulated_plant_holds_its_set_pressure_through_a_stroke():
     ("make", "match"),
     [
         (lambda: PneumaticCircuit(supply=-1.0), "supply must be finite and at least 0 Pa, got -1"),
-        (lambda: HydraulicCircuit(lag=float("nan")), "lag must be finite and at least 0.0001 s, got nan"),
+        (lambda: plants.HydraulicCircuit(lag=float("nan")), "lag must be finite and at least 0.0001 s"),
         (lambda: Plant((PneumaticCircuit(),) * 2, (LinearMcKibben(),) * 2), "two muscles need a"),
         (lambda: Plant(PneumaticCircuit(), LinearMcKibben(rest_length=0.3)).start(),
          "must hold fluid where the plant starts"),

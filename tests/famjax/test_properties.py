@@ -49,7 +49,6 @@ class Case(NamedTuple):
 
 LENGTH, VOLUME, PRESSURE, NUMBER, FORCE = (1, 0), (3, 0), (0, 1), (0, 0), (2, 1)
 
-
 FORMULAS: dict[str, tuple[Callable, tuple, tuple, tuple[int, int]]] = {
     function.__name__: (function, arguments, dimensions, result)
     for function, arguments, dimensions, result in [
@@ -182,7 +181,6 @@ def with_others(muscle: famjax.Muscle, *values: jax.Array) -> jax.Array:
 
 
 def together(_: None, part: jax.Array) -> jax.Array:
-    """All the free numbers of a muscle taken apart, moved along."""
     return jnp.vectorize(lambda k: APART.muscle(k * APART.scaled).force(0.27, 4e5))(part)
 
 
@@ -239,10 +237,7 @@ def muscle_cases() -> Iterator[tuple[str, Case]]:
     yield "equilibrium", Case(force, shaped, BY_STATE, 2e-4)
     load = lambda m, P: famjax.work_budget(m, P, known.L0, 0.7 * known.L0).load  # noqa: E731
     yield "load of a stroke", Case(load, known.CHAMBERS, (PRESSURES,), 2e-4)
-    paths = (
-        known.Lever([-0.03, 0.0], [-0.01, -0.3], 0.025),
-        known.Lever([0.03, 0.0], [0.01, -0.3], 0.025),
-    )
+    paths = tuple(known.Lever([s * 0.03, 0.0], [s * 0.01, -0.3], 0.025) for s in (-1, 1))
     pair = Antagonist(known.FESTO, known.FESTO, paths, (0.0, 6e5))
     angles = np.array([0.2, -0.1, 0.3])
     for name, call, states in (

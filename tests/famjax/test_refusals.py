@@ -18,9 +18,8 @@ PLAIN, ROUNDED = known.FESTO, famjax.geometries.EndEffectGeometry(known.FESTO_CY
 WAVY, LATER = FourierProfile(1.0, [0.1], [0.0], 3.0), FourierProfile(2.0, [0.1], [0.0], 3.0)
 WALL, PULL = terms.BladderWall(known.LATEX), terms.PressurisedBraid()
 X, LENGTHS, PRESSURES = np.linspace(0, 1, 21), np.array([0.30, 0.27, 0.25]), np.array([1e5, 5e5])
-BULGED = 0.02 + 0.02 * np.sin(np.pi * X) ** 0.5 * np.array([0.1, 0.5, 1.0])[:, None] * np.ones(
-    (2, 1, 1)
-)
+WIDER = np.array([0.1, 0.5, 1.0])[:, None] * np.ones((2, 1, 1))
+BULGED = 0.02 + 0.02 * np.sin(np.pi * X) ** 0.5 * WIDER
 
 
 def family(lengths: list[float], profiles: list, **options: float) -> MeasuredFamily:

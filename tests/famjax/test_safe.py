@@ -15,9 +15,7 @@ from famjax.slip import CentredSlip, MaxwellSlip, ReferenceCycle, SlipElements
 
 ROUNDING = 1e-9  # of the largest slope in the batch: of nested derivatives in float64
 JUMP = 1e-5  # of the same: what a C1 slope changes over 2e-8 of the range, bent on 1e-3 of it
-
 SAME = 1e-11  # relative, of forces that begin at a thousandth of the largest: the compiler's order
-
 N = 400
 QUICK = settings(
     max_examples=15, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
@@ -27,9 +25,8 @@ numbers = st.floats(0.0, 1.0)
 
 def polynomial(u: list[float]) -> famjax.Muscle:
     """A muscle of three coefficients, of which any may be negative: it need not be monotone."""
-    braid = famjax.Braid.from_rest(
-        diameter=0.012 + 0.02 * u[0], braid_angle=1.0 + 0.25 * u[1], length=0.3
-    )
+    diameter, angle = 0.012 + 0.02 * u[0], 1.0 + 0.25 * u[1]
+    braid = famjax.Braid.from_rest(diameter=diameter, braid_angle=angle, length=0.3)
     bladder = famjax.Bladder(0.3, 0.011 + 0.018 * u[0], 0.0012 + 0.0008 * u[2], embedded=True)
     rubber = famjax.PolynomialMaterial(1e6 * (np.array(u[3:6]) * [1.5, 3, 3] - [0.0, 1.0, 1.0]))
     return famjax.Muscle(famjax.EstimatedGeometry(braid, bladder), rubber, 6e4 * u[6])
@@ -40,9 +37,8 @@ def compliant(u: list[float]) -> famjax.AbstractMuscle:
     plain = polynomial(u)
     shape = plain.geometry
     soft = famjax.braids.CompliantBraid.of(shape.braid, 4e-6 * u[7])
-    ends = famjax.geometries.EndEffectGeometry(
-        famjax.EstimatedGeometry(soft, shape.bladder), 1 + 0.2 * u[8]
-    )
+    cylinder = famjax.EstimatedGeometry(soft, shape.bladder)
+    ends = famjax.geometries.EndEffectGeometry(cylinder, 1 + 0.2 * u[8])
     rubber = famjax.materials.OgdenMaterial([-1e6 * (0.1 + u[3])], [-1 - 6 * u[4]])
     return MeanMuscle([famjax.Muscle(ends, rubber, 6e4 * u[6]), plain])
 
@@ -55,8 +51,7 @@ def slopes(of: SafeMuscle, L: jax.Array, P: jax.Array) -> tuple[jax.Array, ...]:
     """Force, stiffness and area; force and area as if it could push; all by one program."""
 
     def in_both(of: famjax.AbstractMuscle) -> tuple[jax.Array, jax.Array, jax.Array]:
-        value = jax.vmap(jax.value_and_grad(of.force, (0, 1)))
-        force, (stiffness, area) = value(L, P)
+        force, (stiffness, area) = jax.vmap(jax.value_and_grad(of.force, (0, 1)))(L, P)
         return force, stiffness, area
 
     return *in_both(of), *in_both(of.continued)
@@ -128,9 +123,8 @@ def the_force_is_c1_across_every_edge(of: SafeMuscle, top: float, seed: int) -> 
     region, stops = of.region, np.asarray(of.continued.stops)
     edges = [(np.full(n, float(at)), anywhere[1], 6e-9, 0.0) for at in (*region.length, *stops)]
     edges += [(anywhere[0], np.full(n, float(at)), 0.0, 1e-8 * top) for at in region.pressure]
-    L, P, dL, dP = (
-        np.concatenate([np.broadcast_to(edge[k], n) for edge in edges]) for k in range(4)
-    )
+    every = ([np.broadcast_to(edge[k], n) for edge in edges] for k in range(4))
+    L, P, dL, dP = map(np.concatenate, every)
     below, above = (slopes(of, L + s * dL, P + s * dP)[3:] for s in (-1, 1))
     for one, other in zip(below, above, strict=True):
         scale = float(np.abs(np.asarray(one)).max())
@@ -182,15 +176,9 @@ def test_the_pull_fades_into_slack_smoothly_and_carries_loads_there_too():
 BRAID = famjax.Braid.from_rest(diameter=0.022, braid_angle=1.1, length=0.3)
 SHAPE = famjax.EstimatedGeometry(BRAID, famjax.Bladder(0.3, 0.02, 0.0018, embedded=True))
 MUSCLE = famjax.Muscle(SHAPE, famjax.PolynomialMaterial([6e5, 2e5, 1e5]), 4e4)
-LOOPS = CentredSlip(
-    MaxwellSlip(
-        SlipElements([0.004, 0.02], [8.0, 15.0]),
-        SlipElements([0.002, 0.01], [10.0, 40.0]),
-        0.3,
-        1e6,
-    ),
-    ReferenceCycle("ramp", 0.0, 6e5, True),
-)
+WALL, BRAIDED = SlipElements([0.004, 0.02], [8.0, 15.0]), SlipElements([0.002, 0.01], [10.0, 40.0])
+RAMP = ReferenceCycle("ramp", 0.0, 6e5, True)
+LOOPS = CentredSlip(MaxwellSlip(WALL, BRAIDED, 0.3, 1e6), RAMP)
 AFTER_STROKES = CentredSlip(LOOPS.slip, ReferenceCycle("stroke", 0.3, 0.25, False))
 
 
@@ -216,8 +204,7 @@ def closed_loop(of: SafeMuscle, turns: jax.Array, P: jax.Array) -> tuple[jax.Arr
     Both branches through a place are asked at the same places, so that their integrals by the same
     rule differ as the branches do.
     """
-    n = 400
-    grid = jnp.linspace(0.02, 0.5, n)
+    grid = jnp.linspace(0.02, 0.5, 400)
     ways = jnp.concatenate([turns[:-1], turns])
 
     def way(state, ends: tuple[jax.Array, jax.Array]):
@@ -225,22 +212,16 @@ def closed_loop(of: SafeMuscle, turns: jax.Array, P: jax.Array) -> tuple[jax.Arr
         at = jnp.where(b > a, grid, grid[::-1])
         at = jnp.clip(at, jnp.minimum(a, b), jnp.maximum(a, b))
         force = jax.vmap(lambda L: of.pull(state, L, P))(at)
-        work = jnp.sum((force[1:] + force[:-1]) / 2 * jnp.diff(at))
-        return of.moved(state, b, P), work
+        return of.moved(state, b, P), jnp.sum((force[1:] + force[:-1]) / 2 * jnp.diff(at))
 
     state = of.start(ways[0], P)
     _, works = jax.lax.scan(way, state, (ways[:-1], ways[1:]))
-    second = len(turns) - 1
-    return jnp.sum(works[second:]), jnp.sum(jnp.abs(jnp.diff(turns)))
+    return jnp.sum(works[len(turns) - 1 :]), jnp.sum(jnp.abs(jnp.diff(turns)))
 
 
 REST, MODULUS = 0.3, 1e6
-SLIP = MaxwellSlip(
-    SlipElements([0.004, 0.02, 0.07], [3.0, 2.0, 6.0]),
-    SlipElements([0.002, 0.015], [8.0, 20.0]),
-    REST,
-    MODULUS,
-)
+OF_WALL = SlipElements([0.004, 0.02, 0.07], [3.0, 2.0, 6.0])
+SLIP = MaxwellSlip(OF_WALL, SlipElements([0.002, 0.015], [8.0, 20.0]), REST, MODULUS)
 
 
 def _history(seed: int, n: int = 40) -> tuple[np.ndarray, np.ndarray]:

@@ -23,8 +23,6 @@ from famjax.surfaces import AbstractMeasuredFamily, MeasuredFamily, SampledSurfa
 from famjax.terms import VirtualWork
 
 EXACT = 1e-12
-
-
 SUMMED = 1e-11  # a derivative of sums over 64 stations
 LENGTHS = jnp.linspace(6.0, 9.28, 7)
 
@@ -49,12 +47,9 @@ def test_muscle_of_the_reference_work(measured):
     """Frozen: blocked force [lbf] and free contraction, confirmed by a second code in numpy."""
     muscle = Muscle(measured, LATEX)
     pressures = jnp.array([20.0, 40.0, 60.0, 80.0, 100.0])
-    np.testing.assert_allclose(
-        muscle.blocked_force(pressures), [171.1, 382.8, 594.1, 804.9, 1015.2], atol=0.06
-    )
-    np.testing.assert_allclose(
-        muscle.free_contraction(pressures), [0.2167, 0.3090, 0.3388, 0.3533, 0.3617], atol=6e-5
-    )
+    blocked, free = [171.1, 382.8, 594.1, 804.9, 1015.2], [0.2167, 0.3090, 0.3388, 0.3533, 0.3617]
+    np.testing.assert_allclose(muscle.blocked_force(pressures), blocked, atol=0.06)
+    np.testing.assert_allclose(muscle.free_contraction(pressures), free, atol=6e-5)
 
 
 def test_average_geometry_differs_from_measured_in_strain_alone(measured, average):
@@ -108,8 +103,7 @@ def _measures(profile: FourierProfile, length: jax.Array) -> tuple[jax.Array, ..
 
 def symmetric(a0: float, a: list[float], w: float) -> FourierProfile:
     """The profile symmetric about x = 1/2 with these cosine terms."""
-    n = np.arange(1, len(a) + 1)
-    return FourierProfile(a0, a, a * np.tan(n * w / 2), w)
+    return FourierProfile(a0, a, a * np.tan(np.arange(1, len(a) + 1) * w / 2), w)
 
 
 MEASURED = tuple(f"{contraction:.2%}" for contraction in CONTRACTIONS)
@@ -135,11 +129,12 @@ def test_default_order_against_scipy_on_series(name):
     def integral(element: Callable[[float], float]) -> float:
         return quad(element, 0, 1, epsabs=1e-13, epsrel=1e-13)[0]
 
+    area = integral(lambda x: radius(x) * stretch(x)), integral(lambda x: radius(x) ** 2)
     oracle = (
         2 * integral(radius),
         L * integral(stretch),
-        2 * np.pi * L * integral(lambda x: radius(x) * stretch(x)),
-        np.pi * L * integral(lambda x: radius(x) ** 2),
+        2 * np.pi * L * area[0],
+        np.pi * L * area[1],
     )
     np.testing.assert_allclose(_measures(profile, np.asarray(L)), oracle, rtol=QUADRATURE)
 
@@ -152,8 +147,7 @@ def test_bladder_by_hand():
     x = (np.arange(20000) + 0.5) / 20000
     radius = np.asarray(profile.diameter(x, L)) / 2 - 0.011
     stretch = np.sqrt(1 + (np.gradient(radius, x) / L) ** 2)
-    area = 2 * np.pi * L * np.mean(radius * stretch)
-    t = float(bladder.volume) / area
+    t = float(bladder.volume) / (2 * np.pi * L * np.mean(radius * stretch))
     strain = (radius - t / 2) / (0.4375 - 0.03125) - 1
     coarse = 1e-7  # the midpoint rule's own error, h^2
     assert float(line.thickness(bladder.volume)) == pytest.approx(t, rel=coarse)
@@ -169,8 +163,7 @@ def test_tondu_lopez():
     # Their force, pi r0^2 P (a (1 - k eps)^2 - b), is Gaylord's at this length.
     r0, angle, k, P = 0.01, 1.2, 1.25, 3e5
     a, b = 3 * math.tan(angle) ** 2, 1 / math.cos(angle) ** 2
-    contraction = 1 - length / 0.3
-    published = math.pi * r0**2 * P * (a * (1 - k * contraction) ** 2 - b)
+    published = math.pi * r0**2 * P * (a * (1 - k * (1 - length / 0.3)) ** 2 - b)
     thread, turns = 0.3 / math.sin(angle), 0.3 / (2 * math.pi * r0 * math.tan(angle))
     L = tondu_lopez_length(length, 0.3, k)
     gaylord = P * (3 * L**2 - thread**2) / (4 * math.pi * turns**2)
@@ -217,10 +210,8 @@ def test_is_scipys_not_a_knot_spline_also_in_the_margin(contractions):
 def test_pressure_scales_by_the_triangle():
     family = _spline_family(EVEN, known.KEVLAR)
     L, P = jnp.array([6.5, 9.0])[:, None], 30.0
-    scale = [
-        diameter_from_length(L, known.KEVLAR.thread_length(L, jnp.array(pressure)), 1.09)
-        for pressure in (P, 100.0)
-    ]
+    threads = [known.KEVLAR.thread_length(L, jnp.array(pressure)) for pressure in (P, 100.0)]
+    scale = [diameter_from_length(L, one, 1.09) for one in threads]
     low, high = (np.asarray(_diameter(family, X, L, np.array(at))) for at in (P, 100.0))
     np.testing.assert_allclose(low, high * np.asarray(scale[0]) / np.asarray(scale[1]), rtol=EXACT)
     assert (low < high).all()

@@ -34,13 +34,12 @@ def clock(form: str, start: float = HOUR) -> str:
     """Rows of a log whose time is a stamp: H, M, S are its parts, f milliseconds, h the hour of twelve."""
     lines = []
     for t, x, F, _ in LOG:
-        ms = round((start + t) * 1e3) % 86_400_000
-        s, f = divmod(ms, 1000)
+        s, f = divmod(round((start + t) * 1e3) % 86_400_000, 1000)
         parts = {
             "H": s // 3600, "M": s // 60 % 60, "S": s % 60, "f": f, "h": (s // 3600 - 1) % 12 + 1,
         }  # fmt: skip
         parts |= {
-            "half": "PM" if s >= 43200 else "AM",
+            "half": "AP"[s >= 43200] + "M",
             "day": 4 + (start + t >= 86400),
             "m": int(start + t) // 60,
         }
@@ -50,8 +49,7 @@ def clock(form: str, start: float = HOUR) -> str:
 
 def workbook(*sheets: list[list[object]], declared: str = "") -> bytes:
     """A workbook as spreadsheets write it."""
-    openpyxl = pytest.importorskip("openpyxl")
-    book, held = openpyxl.Workbook(), io.BytesIO()
+    book, held = pytest.importorskip("openpyxl").Workbook(), io.BytesIO()
     book.remove(book.active)
     for k, sheet in enumerate(sheets):
         page = book.create_sheet(f"Sheet {k + 1}")
@@ -304,8 +302,7 @@ def test_what_was_taken_is_one_line_or_a_table(tmp_path):
         "columns: force from 'Kraft [N]', first 300.5 N; pressure from 'Druck [kPa]', first 100 kPa; "
         "length from 'Länge [mm]', first 250 mm"
     )
-    table = read_table(
-        written(MAPS["extra columns"][0], tmp_path), ("force", "pressure", "length")
-    ).said()
+    extra = written(MAPS["extra columns"][0], tmp_path)
+    table = read_table(extra, ("force", "pressure", "length")).said()
     assert "ignored      'No', 'Temp (°C)'" in table
     assert len(table.splitlines()) == 5

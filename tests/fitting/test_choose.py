@@ -9,18 +9,8 @@ import pytest
 from maps import muscle_map
 
 import famjax
-from fitting import (
-    Choice,
-    ForceData,
-    Identification,
-    InputError,
-    Parameter,
-    choose,
-    identify,
-    load_fit,
-    predict,
-    write_fit,
-)
+import fitting
+from fitting import ForceData, InputError, Parameter, choose, identify, load_fit, predict, write_fit
 from fitting.choice import choice_as_dict, choice_table, validate_choice, weigh
 from fitting.evidence import Evidence
 from fitting.ladder import ladder, rest_length_rounding
@@ -30,7 +20,7 @@ from fitting.validation import LeftOut
 
 
 @pytest.fixture(scope="module")
-def chosen(dmsp20: ForceData) -> Choice:
+def chosen(dmsp20: ForceData) -> fitting.Choice:
     return choose(dmsp20)
 
 
@@ -47,8 +37,7 @@ def test_the_choice_on_a_measured_muscle(chosen):
 
 @pytest.mark.slow
 def test_the_table_shows_by_what_the_families_are_ordered(chosen):
-    best = min(one.held_out for one in chosen.tried)
-    assert chosen.tried[0].held_out <= NEAR * best
+    assert chosen.tried[0].held_out <= NEAR * min(one.held_out for one in chosen.tried)
     others = [one.held_out for one in chosen.tried[1:]]
     assert others == sorted(others)
     for one in chosen.tried:
@@ -75,8 +64,7 @@ def test_the_band_contains_what_families_that_fit_alike_disagree_about(chosen):
 @pytest.mark.slow
 def test_a_law_of_rubber_is_found_again():
     """Readings of a Mooney-Rivlin muscle, with noise: no other law is nearer to the truth."""
-    data = muscle_map(noise=0.5, seed=3)
-    found = choose(data)
+    found = choose(muscle_map(noise=0.5, seed=3))
     assert found.chosen.errors.rmse < 0.7
     truth = muscle_map(noise=0.0, seed=3, lengths=(0.985, 0.93, 0.87))
     error = found.predict(truth.length, truth.pressure) - truth.force
@@ -158,7 +146,6 @@ def test_a_length_missed_by_far_is_not_forgiven_for_others(dmsp20):
 
 
 def of_lengths(data: ForceData, count: int) -> ForceData:
-    """The map at its longest lengths only."""
     level = data.lengths.level
     return data.part(level >= np.unique(level[data.loaded])[-count])
 
@@ -205,11 +192,8 @@ def test_the_rounding_of_a_rest_length_is_told_by_its_digits():
 
 
 COMPLIANCE, EXPONENT = 1.5e-5, 0.5
-POWER = {
-    "series_compliance": Parameter(),
-    "series_exponent": Parameter(),
-    "deadband_pressure": Parameter(value=0.0, vary=False, unit="Pa"),
-}
+NO_DEADBAND = {"deadband_pressure": Parameter(value=0.0, vary=False, unit="Pa")}
+POWER = {"series_compliance": Parameter(), "series_exponent": Parameter(), **NO_DEADBAND}
 LENGTHS = (1.0, 0.985, 0.96, 0.93, 0.9, 0.87)
 RECOVERED = 1e-5  # relative
 ROUNDED = 1e-9
@@ -220,7 +204,7 @@ def in_rig(rig: tuple[float, float | None] | None, noise: float = 0.0) -> ForceD
 
 
 @pytest.fixture(scope="module")
-def identified() -> Identification:
+def identified() -> fitting.Identification:
     data = in_rig((COMPLIANCE, EXPONENT))
     return identify(data, law="mooney-rivlin", parameters=POWER, starts=8)
 

@@ -13,7 +13,6 @@ from fitting.comparison import PeerFit, compare, fit_peer
 from fitting.validation import LeftOut, leave_out_each
 
 pytestmark = pytest.mark.slow
-
 STUDY = 6e-3  # figures known to two decimals
 OPTIMUM = 1e-7  # relative: two minimisers of one function
 
@@ -67,12 +66,7 @@ def test_sarosi_6_has_the_errors_of_the_study(dmsp10, sarosi):
 @pytest.fixture(scope="module")
 def table(dmsp10: ForceData):
     seen: list[tuple[int, int]] = []
-
-    found = compare(
-        dmsp10,
-        ["hildebrandt", "gaylord"],
-        progress=lambda *state: seen.append(state),
-    )
+    found = compare(dmsp10, ["hildebrandt", "gaylord"], progress=lambda *state: seen.append(state))
     return found, seen
 
 

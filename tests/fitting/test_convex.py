@@ -12,7 +12,6 @@ from fitting.convex import Status, certificate_of, nearest_point, solve_qp
 OBJECTIVE = 1e-8  # relative; Clarabel's own accuracy at the tolerances set below
 CERTIFIED = 1e-12  # relative; a few roundings of a well-scaled problem
 DIFFERENCE = 1e-6  # central differences with step 1e-6
-
 solve = jax.jit(solve_qp)
 
 
@@ -49,7 +48,6 @@ def test_positive_coefficients_agree_with_nnls(seed):
 
 
 def test_certificate_exposes_a_wrong_point():
-    """The certificate must not be a formality: spoil the problem after solving and it shows."""
     A, b, G, h = (jnp.asarray(v) for v in polynomial_problem(np.random.default_rng(1), 3))
     best = solve(A, b, G, h)
     scale = jnp.linalg.norm(A, axis=0)
@@ -112,7 +110,6 @@ def test_float32_is_kept():
 
 EXACT = 1e-12  # a few roundings of a problem of unit size
 MEMBERS, UNKNOWNS, ROWS = 200, 4, 17
-
 one = jax.jit(nearest_point)
 many = jax.jit(jax.vmap(nearest_point, in_axes=(0, None, 0)))
 

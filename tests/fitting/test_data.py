@@ -16,13 +16,9 @@ from fitting.specimen import parse_specimen
 
 def test_bundled_maps_are_the_published_tables():
     """Sizes and largest forces of Martens & Boblan 2017, tables A1 and A2."""
-    for name, readings, loaded, largest in (
-        ("DMSP-20-300", 126, 60, 1653.5),
-        ("DMSP-10-250", 85, 40, 542.5),
-    ):
+    for name, *known in (("DMSP-20-300", 126, 60, 1653.5), ("DMSP-10-250", 85, 40, 542.5)):
         data = load_bundled(name)
-        assert data.force.size == readings
-        assert (data.loaded.sum(), data.max_force) == (loaded, largest)
+        assert [data.force.size, data.loaded.sum(), data.max_force] == known
         assert data.specimen.embedded
         assert not data.notes
 
@@ -112,8 +108,7 @@ def test_contractions_are_lengths_of_the_rest_length(map_file, tmp_path):
     path.write_text("force_N,pressure_kPa,contraction,contraction_std_%\n10,100,0.1,1\n")
     with pytest.raises(InputError, match="contractions require the rest length"):
         read_csv(path)
-    one = read_csv(path, {"rest_length": 0.3})
-    assert one.length_std == pytest.approx(0.003)
+    assert read_csv(path, {"rest_length": 0.3}).length_std == pytest.approx(0.003)
     path.write_text("force_N,pressure_kPa,contraction\n10,100,100\n")
     with pytest.raises(InputError, match=r"length of reading 1 .*contraction_% .percent"):
         read_csv(path, {"rest_length": 0.3})
@@ -247,7 +242,6 @@ def test_a_measured_pressure_is_left_out_with_its_neighbours():
 
 
 def test_a_part_keeps_its_levels_and_every_column():
-    """What was one pressure stays one, however few of its readings are left."""
     pressure = np.array([1e5, 1.001e5, 2e5, 2.002e5, 3e5, 3.001e5])
     n = pressure.size
     data = ForceData(
@@ -313,8 +307,7 @@ def test_a_table_of_pandas_is_a_map_and_back(dmsp20):
 
 def test_a_data_set_of_xarray_is_a_map_and_back(dmsp10):
     data = dmsp10
-    again = ForceData.from_xarray(data.to_xarray())
-    assert again.sha256 == data.sha256
+    assert ForceData.from_xarray(data.to_xarray()).sha256 == data.sha256
     xarray = pytest.importorskip("xarray")
     grid = xarray.Dataset(
         {"force_N": (("pressure_kPa", "length_mm"), [[30.0, np.nan], [60.0, 20.0]])},

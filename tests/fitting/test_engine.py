@@ -116,20 +116,15 @@ def test_parts_of_a_joint_problem_are_the_problems_alone(dmsp20, dmsp10):
         one, here = solve(alone, p[part.at]), joint.readings[place]
         np.testing.assert_allclose(both.A[here], one.A, atol=1e-9 * np.abs(one.A).max())
         np.testing.assert_allclose(both.b[here], one.b, atol=1e-9 * np.abs(one.b).max())
-        length = np.linspace(0.8, 1.0, 9) * data.specimen.rest_length
-        at = length, np.full(9, 3e5)
-        found, wanted = (
-            predict(joint, place, p, one.x, *at),
-            predict(alone, 0, p[part.at], one.x, *at),
-        )
+        at = np.linspace(0.8, 1.0, 9) * data.specimen.rest_length, np.full(9, 3e5)
+        found = predict(joint, place, p, one.x, *at)
+        wanted = predict(alone, 0, p[part.at], one.x, *at)
         np.testing.assert_allclose(found, wanted, rtol=1e-9)
 
 
 FORCE_STEP = 0.4  # N: of differences
 DIFFERENCES = 1e-6  # relative: 1.6e-8 were found, and the ends are known to 1e-9
-IN_A_RIG = (
-    1e-3  # relative: the refits end where the cost is rounding, and the deadband hardly moves it
-)
+IN_A_RIG = 1e-3  # the refits end where the cost is rounding, and the deadband hardly moves it
 
 
 def test_the_convex_fit_is_the_engine_s_and_its_gradient_that_of_differences(dmsp20):
@@ -238,23 +233,17 @@ def alone(problem: Problem) -> Problem:
     return dataclasses.replace(problem, parts=parts)
 
 
-@pytest.fixture
-def weighed(dmsp10: ForceData) -> ForceData:
-    return dataclasses.replace(dmsp10, force_std=np.full(dmsp10.force.shape, 2.0))
-
-
 @pytest.mark.parametrize("name", slow_after(1, NAMES))
-def test_a_family_has_the_same_fit_and_force_by_its_own_program(weighed, name):
+def test_a_family_has_the_same_fit_and_force_by_its_own_program(dmsp10, name):
+    weighed = dataclasses.replace(dmsp10, force_std=np.full(dmsp10.force.shape, 2.0))
     problem = posed_of(weighed, candidate(weighed, name), "drucker").problem
     assert problem.parts[0].within is not None
     u = np.full(len(problem.free), 0.4)
     shared, own = (solve(one, one.parameters(u)) for one in (problem, alone(problem)))
     mounted = problem.parts[0].mounted(muscle_at(problem, shared, 0), shared.parameters)
     at = weighed.length[weighed.loaded], weighed.pressure[weighed.loaded]
-    pairs = {
-        of: (getattr(shared, of), getattr(own, of))
-        for of in ("x", "residual", "offset", "columns", "G")
-    }
+    kinds = "x", "residual", "offset", "columns", "G"
+    pairs = {of: (getattr(shared, of), getattr(own, of)) for of in kinds}
     pairs["force"] = shared.force, np.asarray(mounted.force(*at))
     for of, (found, wanted) in pairs.items():
         size = np.abs(wanted).max()
@@ -262,13 +251,11 @@ def test_a_family_has_the_same_fit_and_force_by_its_own_program(weighed, name):
 
 
 def test_a_law_of_ones_own_keeps_its_own_program(dmsp20):
-    problem = pose((dmsp20,), law=Stiffer).problem
-    assert sharing_one_program(problem).parts[0].within is None
+    assert sharing_one_program(pose((dmsp20,), law=Stiffer).problem).parts[0].within is None
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Iterator[Path]:
-    """Where JAX keeps programs meanwhile."""
     before = jax.config.values.get("jax_compilation_cache_dir")
     jax.config.update("jax_compilation_cache_dir", str(tmp_path))
     yield tmp_path

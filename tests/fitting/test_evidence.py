@@ -20,7 +20,6 @@ from fitting.summary import joint_derivatives
 from fitting.validation import LeftOut, best_ends, leave_out_each
 
 EXACT = 1e-10
-
 RNG = np.random.default_rng(2)
 X = RNG.normal(size=(40, 3)) * [1.0, 1e3, 1e-4]
 FREE = np.zeros(3, bool)
@@ -44,8 +43,7 @@ def test_the_larger_of_both_errors_is_given():
     ratio = found.sandwich_stderr / plain
     assert ratio[0] > 1.2
     assert ratio.min() < 1
-    larger = np.maximum(plain, found.sandwich_stderr)
-    np.testing.assert_array_equal(found.stderr, larger)
+    np.testing.assert_array_equal(found.stderr, np.maximum(plain, found.sandwich_stderr))
 
 
 def test_active_constraints_and_held_parameters_have_no_error():
@@ -56,8 +54,7 @@ def test_active_constraints_and_held_parameters_have_no_error():
     assert np.isnan(found.sandwich_stderr[:2]).all()
     alone = covariance(X[:, 2:], residual, np.zeros((0, 1)), np.zeros(1, bool))
     np.testing.assert_allclose(found.stderr[2], alone.stderr[0], rtol=EXACT)
-    nothing = covariance(X, residual, NONE, np.ones(3, bool))
-    assert np.isnan(nothing.matrix).all()
+    assert np.isnan(covariance(X, residual, NONE, np.ones(3, bool)).matrix).all()
 
 
 def test_a_ridge_has_no_standard_error():
@@ -82,8 +79,7 @@ def test_errors_are_those_of_a_validation(fitted20):
 def test_neighbouring_pressures_are_left_out_together(fitted20):
     found = left_out_of(fitted20, pressure=(4, 1))["pressure"]
     assert set(found.group) == {0, 1, 2, 3}
-    order = np.argsort(found.level, kind="stable")
-    assert (np.diff(found.group[order]) >= 0).all()
+    assert (np.diff(found.group[np.argsort(found.level, kind="stable")]) >= 0).all()
     assert found.rmse > fitted20.errors.rmse
 
 
@@ -94,24 +90,18 @@ def test_two_levels_cannot_be_left_out(dmsp20):
 
 
 def test_the_spline_is_the_natural_one():
-    """Its best linear predictor, by the same matrix, is SciPy's natural cubic spline."""
     known, at = np.array([0.0, 0.2, 0.5, 1.0]), np.array([0.1, 0.35, 0.9, 1.3, -0.4])
     values = np.array([1.0, -0.3, 0.8, 0.1])
-    system = np.block(
-        [
-            [np.abs(known[:, None] - known) ** 3, np.vander(known, 2, increasing=True)],
-            [np.vander(known, 2, increasing=True).T, np.zeros((2, 2))],
-        ]
-    )
+    cubes, lines = np.abs(known[:, None] - known) ** 3, np.vander(known, 2, increasing=True)
+    system = np.block([[cubes, lines], [lines.T, np.zeros((2, 2))]])
     right = np.vstack([np.abs(known[:, None] - at) ** 3, np.vander(at, 2, increasing=True).T])
     weights = np.linalg.solve(system, right)[:4]
     spline = CubicSpline(known, values, bc_type="natural")
     assert (weights.T @ values)[:3] == pytest.approx(spline(at[:3]))
     covariance = np.abs(known[:, None] - known) ** 3
     cross = np.abs(known[:, None] - at) ** 3
-    expected = np.einsum("ki,kl,li->i", weights, covariance, weights) - 2 * np.sum(
-        weights * cross, axis=0
-    )
+    expected = np.einsum("ki,kl,li->i", weights, covariance, weights)
+    expected -= 2 * np.sum(weights * cross, axis=0)
     assert spline_variance(known, at) == pytest.approx(expected)
 
 

@@ -13,23 +13,11 @@ from slow_cases import slow_after
 
 import famjax
 import fitting
-from fitting import (
-    ForceData,
-    Identification,
-    InputError,
-    Parameter,
-    Specimen,
-    bootstrap,
-    identify,
-    identify_together,
-    profile,
-)
+from fitting import ForceData, Identification, InputError, Parameter, bootstrap, identify, profile
 from fitting.families import EstimatedSource, known_laws
 from fitting.saved import fit_as_dict
 
 ROUNDING = 1e-9  # certificates in float64
-
-
 TRUE_CUBIC = [0.022, math.radians(65), 30e3, 4e6, -6e6, 6e6]
 
 
@@ -52,9 +40,9 @@ def test_dmsp10_in_bounds_of_a_muscle_that_can_be_built(dmsp10):
 
 
 WIDE = {
-    "braid_diameter": (5e-3, 40e-3),
+    "braid_diameter": (5e-3, 0.04),
     "braid_angle": (0.785, 1.396),
-    "deadband_pressure": (0.0, 2e5),
+    "deadband_pressure": (0, 2e5),
 }
 
 
@@ -91,9 +79,8 @@ def test_slope_constraint_is_exact_by_roots():
     E = result.coefficients[0]
     tangent = E[0] + 2 * E[1] * strain + 3 * E[2] * strain**2
     assert tangent.min() > -1e-9 * np.abs(E).max()
-    assert result.certificate.constraint_margin == pytest.approx(
-        tangent.min(), abs=1e-6 * abs(E[0])
-    )
+    margin = result.certificate.constraint_margin
+    assert margin == pytest.approx(tangent.min(), abs=1e-6 * abs(E[0]))
 
 
 def test_positive_constraint(dmsp20):
@@ -113,14 +100,12 @@ def test_elastic_braid_is_identified():
 
     def with_threads(shape: famjax.EstimatedGeometry) -> famjax.EstimatedGeometry:
         rest = shape.braid
-        braid = famjax.ElasticBraid(
-            rest.rest_thread_length, rest.turns, rest.thickness, jnp.asarray(200.0), thread
-        )
+        numbers = rest.rest_thread_length, rest.turns, rest.thickness, jnp.asarray(200.0)
+        braid = famjax.ElasticBraid(*numbers, thread)
         return famjax.EstimatedGeometry(braid, shape.bladder)
 
-    plain = EstimatedSource(KNOWN).geometry(
-        {"braid_diameter": 0.022, "braid_angle": math.radians(65)}
-    )
+    rest = {"braid_diameter": 0.022, "braid_angle": math.radians(65)}
+    plain = EstimatedSource(KNOWN).geometry(rest)
     data = readings(famjax.Muscle(with_threads(plain), known_muscle().material, 30e3))
     elastic = identify(data, geometry=with_threads, starts=8)
     np.testing.assert_allclose([e.value for e in elastic.estimates], TRUE_CUBIC, rtol=1e-5)
@@ -182,11 +167,8 @@ def test_float64_is_asked_for_with_the_line_that_enables_it(dmsp20):
         identify(dmsp20)
 
 
-GEOMETRY_HELD = {
-    "braid_diameter": (0.022, 0.022),
-    "braid_angle": (math.radians(65),) * 2,
-    "deadband_pressure": (3e4, 3e4),
-}
+HELD = {"braid_diameter": 0.022, "braid_angle": math.radians(65), "deadband_pressure": 3e4}
+GEOMETRY_HELD = {name: (value, value) for name, value in HELD.items()}
 TRUTHS: dict[str, tuple[object, famjax.materials.AbstractMaterial, dict[str, float]]] = {
     "polynomial": (famjax.PolynomialMaterial.template(order=2),
                    famjax.PolynomialMaterial([3e6, -2e6]), {"E_1": 3e6, "E_2": -2e6}),
@@ -264,7 +246,6 @@ def mounted() -> Identification:
 
 @pytest.fixture(scope="module")
 def noisy(mounted: Identification) -> Identification:
-    """The same with noise; nothing new is compiled."""
     noise = np.random.default_rng(5).normal(0, 2.0, mounted.data.force.size)
     data = dataclasses.replace(mounted.data, force=mounted.data.force + noise)
     return identify(data, law=famjax.materials.OgdenMaterial, parameters=RIG, starts=8)
@@ -316,14 +297,13 @@ def test_bootstrap_agrees_with_the_standard_errors(noisy):
         assert 0.6 < ratio < 1.6, name  # 60 replicates know a standard deviation to 10 %
         low, high = drawn.interval(name)
         assert low < noisy.estimate(name).value < high
-    again = bootstrap(noisy, 60, seed=1)
-    np.testing.assert_array_equal(again.samples, drawn.samples)
+    np.testing.assert_array_equal(bootstrap(noisy, 60, seed=1).samples, drawn.samples)
 
 
 @pytest.mark.slow
 def test_two_muscles_share_what_they_share():
     data = [on_grid(with_ends(), "thick"), on_grid(with_ends(0.0205, 15e3), "thin")]
-    thick, thin = identify_together(
+    thick, thin = fitting.identify_together(
         data, own=("braid_diameter", "deadband_pressure"), law="ogden",
         parameters={"end_factor": Parameter()}, starts=4,
     )  # fmt: skip
@@ -339,7 +319,7 @@ def test_two_muscles_share_what_they_share():
         thin.estimate("braid_diameter[thick]")
 
 
-SOFT = Specimen("softening", 0.25, 0.0018, nominal_diameter=0.02, embedded=True)
+SOFT = fitting.Specimen("softening", 0.25, 0.0018, nominal_diameter=0.02, embedded=True)
 SHAPE = cylinder(0.0225, 63.0, 0.25, 0.0018)
 # It softens so far that it is not stable: every fit ends on the constraint.
 UNSTABLE = famjax.Muscle(SHAPE, famjax.PolynomialMaterial([6e6, -26e6, 26e6]), 30e3)

@@ -60,8 +60,7 @@ def test_it_opens_as_it_was(fit, tmp_path):
     at = fit.data.length, fit.data.pressure
     np.testing.assert_array_equal(saved.predict(*at), fit.predict(*at))
     assert saved.certificate.shape_margin == fit.certificate.shape_margin
-    left_out = fitting.validate(saved, "length", starts=1)
-    assert np.sqrt(np.mean(left_out.error**2)) < 5
+    assert np.sqrt(np.mean(fitting.validate(saved, "length", starts=1).error ** 2)) < 5
 
 
 def _pictures(specimen: fitting.Specimen, error: float = 2e-5) -> fitting.shapes.Pictures:
@@ -69,15 +68,12 @@ def _pictures(specimen: fitting.Specimen, error: float = 2e-5) -> fitting.shapes
     length, pressure = 0.2 * np.linspace(0.84, 1, 8), np.linspace(3e5, 5e5, 8)
     x = np.linspace(0, 1, 41)
     shape = _muscle(specimen, TRUTH).profile(length, pressure, 401)
-    exact = [
-        np.interp(x * L, z, 2 * r)
-        for L, z, r in zip(length, shape.position, shape.radius, strict=True)
-    ]
+    each = zip(length, shape.position, shape.radius, strict=True)
+    exact = [np.interp(x * L, z, 2 * r) for L, z, r in each]
     noise = np.random.default_rng(5).normal(0, error, (8, x.size))
     names = tuple(f"{k}.jpg" for k in range(8))
-    return fitting.shapes.Pictures(
-        names, length, exact + noise, pressure, local_std=np.full(x.size, error)
-    )
+    std = np.full(x.size, error)
+    return fitting.shapes.Pictures(names, length, exact + noise, pressure, local_std=std)
 
 
 @pytest.mark.slow

@@ -22,8 +22,7 @@ L, P = (g.ravel() for g in np.meshgrid(np.linspace(0.3, 0.25, 8), np.linspace(3e
 
 def force(values: jax.Array) -> jax.Array:
     names = ("braid_diameter", "braid_angle", "deadband_pressure", "E_1", "E_2", "E_3")
-    muscle = known_muscle().with_parameters(dict(zip(names, values, strict=True)))
-    return muscle.force(L, P)
+    return known_muscle().with_parameters(dict(zip(names, values, strict=True))).force(L, P)
 
 
 @pytest.fixture(scope="module")
@@ -62,8 +61,7 @@ def test_the_optimum_is_that_of_the_function_itself(spoilt, robust):
     """Its gradient by automatic differentiation, with the threshold that the weights tell."""
     data, _ = spoilt
     residual = np.abs(robust.residuals)
-    outlying = robust.weights < 0.999
-    (threshold,) = np.unique((robust.weights * residual)[outlying].round(6))
+    (threshold,) = np.unique((robust.weights * residual)[robust.weights < 0.999].round(6))
     # Not tuned: 1.345 times the noise that the median shows.
     assert threshold == pytest.approx(1.345 * NOISE, rel=0.6)
     np.testing.assert_allclose(robust.weights, huber_factor(residual, threshold) ** 2, atol=1e-6)
@@ -108,17 +106,13 @@ HELD = {"braid_diameter": (0.0236,) * 2, "braid_angle": (1.0776,) * 2,
 
 
 def one_sided_sum(data: ForceData, result: fitting.Identification, E: np.ndarray) -> float:
-    """Half the sum of squares, by the muscle itself."""
-    muscle = famjax.Muscle(
-        result.muscle.geometry, famjax.PolynomialMaterial(E), result.muscle.deadband_pressure
-    )
+    of = result.muscle
+    muscle = famjax.Muscle(of.geometry, famjax.PolynomialMaterial(E), of.deadband_pressure)
     force = np.asarray(muscle.force(data.length, data.pressure))
     limit = data.force_limit or np.inf
-    return 0.5 * float(
-        np.sum((force - data.force)[data.loaded] ** 2)
-        + np.sum(np.maximum(force[data.slack], 0) ** 2)
-        + np.sum(np.maximum(limit - force[data.saturated], 0) ** 2)
-    )
+    low, high = force[data.slack], limit - force[data.saturated]
+    one_sided = np.maximum(np.concatenate([low, high]), 0)
+    return 0.5 * float(np.sum((force - data.force)[data.loaded] ** 2) + np.sum(one_sided**2))
 
 
 @pytest.mark.parametrize("limit", [None, 1000.0])
@@ -144,10 +138,8 @@ def test_saturated_readings_are_no_data_but_information(dmsp20):
     believed = fitting.identify(dataclasses.replace(capped, force_limit=None))
     dropped, censored = (fitting.identify(capped, censored=one) for one in (False, True))
     true = data.force[capped.saturated]
-    off = [
-        np.abs(one.predict(data.length, data.pressure)[capped.saturated] - true).mean()
-        for one in (believed, dropped, censored)
-    ]
+    fits, at = (believed, dropped, censored), (data.length, data.pressure)
+    off = [np.abs(one.predict(*at)[capped.saturated] - true).mean() for one in fits]
     assert max(off[1:]) < 0.2 * off[0]
     assert dropped.errors.n_points == capped.loaded.sum() == censored.errors.n_points
 

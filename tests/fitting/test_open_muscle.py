@@ -23,9 +23,8 @@ class ConicalEnds(famjax.geometries.AbstractGeometry):
 
     def dimensions(self, length, pressure):
         rest = self.rest_length
-        return self.cylinder.dimensions(
-            rest + (length - rest) * rest / (rest - self.cone_length), pressure
-        )
+        moved = rest + (length - rest) * rest / (rest - self.cone_length)
+        return self.cylinder.dimensions(moved, pressure)
 
     def length_range(self):
         share, rest = (self.rest_length - self.cone_length) / self.rest_length, self.rest_length

@@ -76,7 +76,6 @@ SLIPS = {
 
 
 def outcomes() -> dict[str, str]:
-    """What each slip ends in."""
     found = {}
     for slip, (call, _) in SLIPS.items():
         try:
@@ -108,12 +107,10 @@ def test_a_slip_ends_in_one_sentence(slip, ends):
 @pytest.mark.parametrize("size", [2e-3, 150e-3])
 @pytest.mark.parametrize("length", [10e-3, 3.0])
 def test_real_muscles_are_not_refused(size, length):
-    muscle = specimen(
-        rest_length=length, nominal_diameter=size, wall_thickness=size / 10, embedded=True
-    )
-    data = loads(
-        force=[1e5, 10.0], pressure=[1e7, 1e7], length=[length, 0.9 * length], specimen=muscle
-    )
+    sizes = {"rest_length": length, "nominal_diameter": size, "wall_thickness": size / 10}
+    muscle = specimen(**sizes, embedded=True)
+    lengths = [length, 0.9 * length]
+    data = loads(force=[1e5, 10.0], pressure=[1e7, 1e7], length=lengths, specimen=muscle)
     assert data.max_force == 1e5
 
 

@@ -68,8 +68,6 @@ HELD = {"braid_diameter": (0.022,) * 2, "braid_angle": (np.deg2rad(64),) * 2,
 
 
 def forces(E: np.ndarray, L: np.ndarray, P: np.ndarray) -> np.ndarray:
-    """Of muscles with coefficients in the first axis, shape (muscles, readings)."""
-
     def force(E: np.ndarray) -> jax.Array:
         return famjax.Muscle(cylinder(angle=64), famjax.PolynomialMaterial(E), 3e4).force(L, P)
 

@@ -13,16 +13,8 @@ from muscles import FESTO_CYLINDER
 from slow_cases import slow_after
 
 import famjax
-from fitting import (
-    Choice,
-    ForceData,
-    Identification,
-    choose,
-    load_fit,
-    predict,
-    write_csv,
-    write_fit,
-)
+import fitting
+from fitting import Choice, ForceData, Identification, load_fit, predict, write_csv, write_fit
 from fitting.bands import pull
 from fitting.prediction import pressures_for, reported, seen_slack
 from fitting.result import Outlook
@@ -41,14 +33,12 @@ def measured(one: famjax.Muscle, std: float = 0.0) -> Identification:
     """A fit whose largest reading is 900 N, its forces known to parts of their numbers."""
     numbers = np.append(np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(one)]), 0.0)
     outlook = Outlook(directions=std * numbers[None] if std else np.zeros((0, numbers.size)))
-    return bare_fit(one, LENGTHS, np.linspace(0.0, 6e5, LENGTHS.size), FORCES, outlook)
+    return bare_fit(one, LENGTHS, np.linspace(0.0, 6e5, LENGTHS.size), FORCES, outlook=outlook)
 
 
 @pytest.mark.parametrize("rest_length", [None, 0.25])
 @pytest.mark.parametrize("compliance", slow_after(2, [0.0, 2e-6]))
-def test_forces_are_those_of_the_muscle_and_errors_those_of_finite_differences(
-    compliance, rest_length
-):
+def test_forces_are_those_of_the_muscle_and_errors_those_of_differences(compliance, rest_length):
     mounted = famjax.MountedMuscle(festo(40e3), compliance)
     numbers = [np.asarray(leaf) for leaf in jax.tree.leaves(mounted)]
     spread = np.random.default_rng(0).normal(size=(3, sum(n.size for n in numbers)))
@@ -65,10 +55,8 @@ def test_forces_are_those_of_the_muscle_and_errors_those_of_finite_differences(
     _, unflat = jax.flatten_util.ravel_pytree(mounted)
     flat = np.concatenate([n.ravel() for n in numbers])
     step = 1e-3  # of the directions, which are a thousandth of the numbers
-    slopes = [
-        (force(unflat(flat + step * d), L) - force(unflat(flat - step * d), L)) / (2 * step)
-        for d in spread
-    ]
+    ends = [[force(unflat(flat + s * step * d), L) for s in (1, -1)] for d in spread]
+    slopes = [(up - down) / (2 * step) for up, down in ends]
     np.testing.assert_allclose(std, np.sqrt(np.sum(np.square(slopes), axis=0)), rtol=1e-6)
 
 
@@ -163,10 +151,8 @@ def test_forces_and_bands_are_never_below_zero_and_slack_states_hold_no_force():
     one = festo(40e3)
     lengths, pressures = np.linspace(0.23, REST, 9), np.linspace(0.0, 6e5, 13)
     rows = predict(measured(one, std=0.01), lengths, pressures)
-    force, model, low, high = (
-        np.array([row[key] for row in rows])
-        for key in ("force_N", "model_force_N", "low_95_N", "high_95_N")
-    )
+    keys = ("force_N", "model_force_N", "low_95_N", "high_95_N")
+    force, model, low, high = (np.array([row[key] for row in rows]) for key in keys)
     slack = np.array([row["slack"] for row in rows])
     np.testing.assert_array_equal(force, np.maximum(model, 0.0))
     np.testing.assert_array_equal(slack, model <= 0)
@@ -186,8 +172,6 @@ PRESSURES = np.array([150, 250, 350, 450, 525, 600, 675]) * 1e3
 
 @pytest.fixture
 def said(run: Callable) -> Callable[..., str]:
-    """What a command prints that ends well."""
-
     def command(*words: object) -> str:
         code, out, _ = run(*words)
         assert code == 0
@@ -198,7 +182,6 @@ def said(run: Callable) -> Callable[..., str]:
 
 @pytest.fixture(scope="module")
 def without_a_length(dmsp20: ForceData, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The map as a file, in which one length is not there."""
     path = tmp_path_factory.mktemp("map") / "map.csv"
     write_csv(dmsp20.part(np.abs(dmsp20.length - LEFT_OUT) >= 1e-6), path, system="metric")
     return path
@@ -241,10 +224,7 @@ def test_a_band_grows_with_the_distance_and_says_what_it_covers(without_a_length
 
 
 PARTS = (1.0, 0.97, 0.94, 0.91, 0.88, 0.85)
-MAKES = {
-    "deadband": {"deadband": 3e4, "rig": None},
-    "rig that gives way": {"deadband": 0.0, "rig": (1.5e-5, 0.5)},
-}
+MAKES = {"deadband": {"deadband": 3e4}, "rig": {"deadband": 0.0, "rig": (1.5e-5, 0.5)}}
 
 
 def one_of(make: str, rest: float, noise: float) -> ForceData:
@@ -253,7 +233,7 @@ def one_of(make: str, rest: float, noise: float) -> ForceData:
 
 @pytest.fixture(scope="module", params=list(MAKES))
 def chosen(request: pytest.FixtureRequest) -> tuple[str, Choice]:
-    return request.param, choose(one_of(request.param, 0.25, noise=0.5))
+    return request.param, fitting.choose(one_of(request.param, 0.25, noise=0.5))
 
 
 @pytest.fixture
@@ -272,10 +252,8 @@ def test_the_band_holds_what_a_muscle_of_that_length_pulls(chosen, saved, rest):
         at = (data.length == length) & data.loaded
         rows = predict(saved, np.array([length]), data.pressure[at], rest_length=rest)
         assert {row["band"] for row in rows} == {"one specimen"}
-        held += [
-            row["low_95_N"] <= force <= row["high_95_N"]
-            for row, force in zip(rows, data.force[at], strict=True)
-        ]
+        pairs = zip(rows, data.force[at], strict=True)
+        held += [row["low_95_N"] <= force <= row["high_95_N"] for row, force in pairs]
     assert np.mean(held) > 0.9
 
 
@@ -283,10 +261,8 @@ def test_the_band_holds_what_a_muscle_of_that_length_pulls(chosen, saved, rest):
 def test_a_prediction_is_the_mean_of_the_accounts(chosen, saved):
     known = chosen[1].chosen.outlook.other_lengths
     assert len(saved.outlook.other_lengths) == len(known) > 1
-    forces = [
-        float(one.with_muscle(famjax.cut_to_length(one.muscle, 0.4)).force(0.36, 4e5))
-        for one in known.values()
-    ]
+    cut = [one.with_muscle(famjax.cut_to_length(one.muscle, 0.4)) for one in known.values()]
+    forces = [float(one.force(0.36, 4e5)) for one in cut]
     (row,) = predict(saved, np.array([0.36]), np.array([4e5]), rest_length=0.4)
     assert row["force_N"] == pytest.approx(np.mean(forces), rel=1e-9)
     between = FROM_ONE * chosen[1].data.max_force

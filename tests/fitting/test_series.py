@@ -13,22 +13,12 @@ from maps import cylinder
 
 import famjax
 import fitting
-from fitting import (
-    ForceData,
-    InputError,
-    Parameter,
-    Specimen,
-    identify_series,
-    load_fit,
-    predict,
-    write_csv,
-)
+from fitting import ForceData, InputError, Parameter, identify_series, load_fit, predict, write_csv
 from fitting.saved import series_as_dict
 from fitting.series import Series
 from fitting.verdict import judge_series
 
 pytestmark = pytest.mark.slow
-
 DIAMETER, ANGLE, COMPLIANCE, C10, C01 = 0.012, math.radians(64), 1.1e-5, 0.5e6, 0.2e6
 NOISE = 1.0  # N
 LAWS = ("mooney-rivlin",)
@@ -60,7 +50,7 @@ def specimen(rest: float, seed: int, stretch: float = 0.0) -> ForceData:
     force = np.asarray(in_rig(rest, TRUTH).force(L + stretch, P))
     force = force + np.random.default_rng(seed).normal(0, NOISE, L.size)
     assert force[keep].min() > 0
-    of = Specimen(f"{rest * 1e3:g} mm", rest, 1.8e-3, nominal_diameter=0.01, embedded=True)
+    of = fitting.Specimen(f"{rest * 1e3:g} mm", rest, 1.8e-3, nominal_diameter=0.01, embedded=True)
     return ForceData(force[keep], P[keep], L[keep], of)
 
 
@@ -91,9 +81,8 @@ def test_the_family_that_transfers_is_chosen(series):
 def test_the_truth_is_recovered(series):
     first, second = series.specimens
     assert first.converged
-    for name, truth in zip(
-        ("braid_diameter", "braid_angle", "series_compliance", "C10", "C01"), TRUTH, strict=True
-    ):
+    names = "braid_diameter", "braid_angle", "series_compliance", "C10", "C01"
+    for name, truth in zip(names, TRUTH, strict=True):
         assert first.estimate(name) == second.estimate(name)
         assert abs(first.estimate(name).value - truth) < 3.5 * first.estimate(name).stderr, name
 
@@ -181,7 +170,6 @@ def test_the_command_reads_the_maps_and_its_file_predicts(run, tmp_path, series,
 
 
 def test_its_verdict_is_that_of_all_specimens(series, saved):
-    """Specimens of one make, and one of them in another unit."""
     judged = judge_series(series.specimens, series.left_out)
     assert judged.passed
     assert json.loads(saved.read_text())["verdict"] == judged.level

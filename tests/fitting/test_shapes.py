@@ -33,17 +33,13 @@ def true_family() -> famjax.surfaces.MeasuredFamily:
     return famjax.surfaces.MeasuredFamily(lengths, profiles, 55 * PSI, BRAID)
 
 
-def true_diameter(
-    x: np.ndarray, length: np.ndarray, pressure: np.ndarray, stretch: float
-) -> np.ndarray:
+def true_diameter(x, length, pressure, stretch: float) -> np.ndarray:
     """D [m], shape (states, positions)."""
     shape = np.array(true_family().diameter(x, length[:, None], 55 * PSI))
     return shape * (1 + stretch * (pressure[:, None] / PSI - 55))
 
 
-def photographed(
-    n: int = 120, noise: float = 0.0006 * INCH, seed: int = 0, *, stretch: float = 0.0
-) -> Pictures:
+def photographed(n=120, noise=0.0006 * INCH, seed=0, *, stretch=0.0) -> Pictures:
     """n pictures; noise [m] of the diameters, correlated over a fiftieth of the length."""
     rng = np.random.default_rng(seed)
     x = np.linspace(0, 1, 201)
@@ -129,9 +125,7 @@ def test_pictures_of_two_muscles_are_no_surface():
 
 
 def test_the_triangle_of_true_threads_is_found():
-    """Of cylinders, for which it holds."""
-    rng = np.random.default_rng(0)
-    length = REST * (1 - 0.3 * rng.uniform(size=60))
+    length = REST * (1 - 0.3 * np.random.default_rng(0).uniform(size=60))
     wide = np.asarray(famjax.braids.diameter_from_length(length, 9.89 * INCH, 1.09))
     shape = np.repeat(wide[:, None], 201, axis=1)
     names = tuple(map(str, range(60)))

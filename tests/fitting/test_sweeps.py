@@ -24,10 +24,7 @@ def geometry(diameter: float = 0.022) -> famjax.EstimatedGeometry:
 
 
 def measured(noise: float, seed: int = 0) -> ForceData:
-    """Readings of a muscle whose bladder softens more than is stable."""
-    length, pressure = (
-        grid.ravel() for grid in np.meshgrid(REST * np.linspace(1, 0.8, 21), PRESSURES)
-    )
+    length, pressure = (g.ravel() for g in np.meshgrid(REST * np.linspace(1, 0.8, 21), PRESSURES))
     muscle = famjax.Muscle(geometry(), famjax.PolynomialMaterial(SOFTENING), 1e4)
     force = np.asarray(muscle.force(length, pressure))
     force = force + noise * np.random.default_rng(seed).normal(size=force.size)
@@ -188,8 +185,7 @@ def test_scores(swept):
     np.testing.assert_allclose(found.rmse_by_pressure, [np.sqrt(np.mean(r**2)) for r in forces])
     assert found.mae == pytest.approx(np.mean([np.abs(r).mean() for r in forces]))
     n, k = residual.size, 7
-    deviance = n * np.log(np.mean(residual**2))
-    assert found.bic == pytest.approx(deviance + k * np.log(n))
+    assert found.bic == pytest.approx(n * np.log(np.mean(residual**2)) + k * np.log(n))
     at_rest = (DATA.length == REST) & DATA.loaded
     blocked = [r[DATA.length[DATA.loaded & (DATA.pressure == P)] == REST][0] for r, P in
                zip(forces, PRESSURES, strict=True)]  # fmt: skip

@@ -20,12 +20,10 @@ SUSPICION = Suspicion("a cause", "The data look wrong.", 0.01)
 
 
 def with_misfit(result: Identification, percent: float) -> Identification:
-    """The fit with residuals of alternating sign and this size."""
     size = percent / 100 * result.errors.max_force
     residuals = size * np.where(np.arange(result.residuals.size) % 2, 1.0, -1.0)
-    return dataclasses.replace(
-        result, residuals=residuals, errors=dataclasses.replace(result.errors, rmse=size)
-    )
+    errors = dataclasses.replace(result.errors, rmse=size)
+    return dataclasses.replace(result, residuals=residuals, errors=errors)
 
 
 def test_a_sound_map_passes(fitted20):
@@ -90,12 +88,9 @@ def test_lengths_that_disagree_are_a_doubt(fitted20):
     error = np.full(fitted20.residuals.size, 0.1 * fitted20.errors.max_force)
     level = fitted20.data.lengths.level[fitted20.data.loaded]
     group = np.unique(level, return_inverse=True)[1]
-    left_out = {"length": LeftOut("length", level, group, error)}
-    verdict = judge(fitted20, left_out=left_out)
+    verdict = judge(fitted20, left_out={"length": LeftOut("length", level, group, error)})
     assert verdict.level == "identified with doubts"
-    assert any(
-        "is left out, its readings are predicted with an error" in one for one in verdict.reasons
-    )
+    assert any("its readings are predicted with an error" in one for one in verdict.reasons)
 
 
 def test_runs_have_the_mean_and_the_variance_of_all_orders():
@@ -110,12 +105,10 @@ def test_runs_have_the_mean_and_the_variance_of_all_orders():
 
 
 def fit(data: ForceData) -> Identification:
-    """One law, a few starts."""
     return identify(data, law="ogden", parameters={"end_factor": Parameter()}, starts=4)
 
 
 def known_muscle(bore: float, rest: float, angle_deg: float) -> ForceData:
-    """Readings of a known muscle with 0.3 % of noise."""
     law = famjax.materials.MooneyRivlinMaterial(0.2e6, 0.05e6)
     muscle = famjax.Muscle(cylinder(bore + 2e-3, angle_deg, rest, 1.5e-3), law, 25e3)
     grid = np.meshgrid(rest * np.linspace(1, 0.84, 8), np.linspace(1.2e5, 6e5, 6))
@@ -127,7 +120,6 @@ def known_muscle(bore: float, rest: float, angle_deg: float) -> ForceData:
 
 
 def changed(data: ForceData, **sizes: float) -> ForceData:
-    """The map with another specimen."""
     return dataclasses.replace(data, specimen=dataclasses.replace(data.specimen, **sizes))
 
 
@@ -190,12 +182,10 @@ def test_a_fault_is_named(dmsp10, dmsp20, cause):
 
 @pytest.mark.slow
 def test_outliers_and_one_giant(dmsp20):
-    random = np.random.default_rng(3)
-    rows = random.choice(np.flatnonzero(dmsp20.loaded), 5, replace=False)
+    rows = np.random.default_rng(3).choice(np.flatnonzero(dmsp20.loaded), 5, replace=False)
     force = dmsp20.force.copy()
     force[rows] += 0.35 * dmsp20.max_force
-    result = fit(dataclasses.replace(dmsp20, force=force))
-    (found,) = suspect(result)
+    (found,) = suspect(fit(dataclasses.replace(dmsp20, force=force)))
     assert found.cause.startswith("5 readings are outliers")
     assert "--objective huber" in found.sentence
     for row in rows:
@@ -210,10 +200,8 @@ def test_outliers_and_one_giant(dmsp20):
 @pytest.mark.slow
 def test_two_muscles_in_one_file():
     one, other = known_muscle(0.02, 0.3, 66.0), known_muscle(0.034, 0.3, 64.0)
-    columns = {
-        name: np.append(getattr(one, name), getattr(other, name))
-        for name in ("force", "pressure", "length")
-    }
+    names = "force", "pressure", "length"
+    columns = {name: np.append(getattr(one, name), getattr(other, name)) for name in names}
     found = causes(dataclasses.replace(one, **columns))
     assert "the file contains two muscles, one of them" in found
     assert f"reading {one.force.size}" in found or f"reading {one.force.size + 1}" in found

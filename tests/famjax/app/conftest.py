@@ -12,11 +12,8 @@ def map_text() -> str:
         "braid_diameter": 0.022, "braid_angle": 1.13, "rest_length": 0.3, "wall_thickness": 0.002,
         "E_1": 3e6, "E_2": -2e6, "E_3": 0.0, "deadband_pressure": 2e4,
     })  # fmt: skip
-    rows = [
-        f"{P},{L},{max(0.0, float(muscle.force(L / 1e3, P * 1e3))):.4f}"
-        for P in (100, 200, 300, 400)
-        for L in (300, 290, 280, 270)
-    ]
+    states = [(P, L) for P in (100, 200, 300, 400) for L in (300, 290, 280, 270)]
+    rows = [f"{P},{L},{max(0.0, float(muscle.force(L / 1e3, P * 1e3))):.4f}" for P, L in states]
     return "\n".join(["pressure_kPa,length_mm,force_N", *rows, ""])
 
 

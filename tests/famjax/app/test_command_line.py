@@ -49,7 +49,7 @@ def test_a_fit_as_a_table_and_as_json_and_what_is_assessed_of_it(run, force_map,
     fitted = json.loads(file.read_text())
     code, out, _ = run("assess", file, "--validate", "--profile", "--bootstrap", 8)
     assert code == 0
-    for needed in (*shown, "Validation", "profile likelihood", "bootstrap of 8 replicates"):
+    for needed in (*shown, "Validation", "profile likelihood", "bootstrap with 8 replicates"):
         assert needed in out
     saved = json.loads(file.read_text())
     assert saved["leave_one_pressure_out"]["rmse_N"] < 0.01  # exact readings are predicted
@@ -59,7 +59,21 @@ def test_a_fit_as_a_table_and_as_json_and_what_is_assessed_of_it(run, force_map,
     assert datetime.datetime.fromisoformat(saved["origin"]["date"]).tzinfo is not None
     assert saved["origin"]["command"].startswith("famjax")
     assert saved["origin"]["date"] in (tmp_path / "o" / "report.html").read_text()
-    _predict_from(run, file)
+    code, out, _ = run(
+        "predict", file, "--length", "280mm,300mm", "--pressure", "3bar", "--onset", "--json"
+    )
+    assert code == 0
+    rows = json.loads(out)
+    muscle = load_fit(file).muscle
+    assert rows[0]["force_N"] == pytest.approx(float(muscle.force(0.28, 3e5)), rel=1e-12)
+    assert rows[0]["inside"]
+    assert not rows[0]["slack"]
+    assert rows[3]["onset_pressure_Pa"] == pytest.approx(20e3, rel=1e-6)  # at rest: the deadband
+    code, out, _ = run("predict", file, "--length", "0.2m", "--pressure", "300kPa")
+    assert code == 0
+    assert "where inside is False" in out
+    code, out, _ = run("predict", file, "--length", "10in", "--pressure", "3bar", "--units", "us")
+    assert "length in pressure psi force lbf" in " ".join(out.split())
 
 
 @pytest.mark.slow
@@ -69,25 +83,6 @@ def test_the_picture_of_the_readme_is_that_of_its_command(run, tmp_path):
     shown = Path(__file__).parents[3] / "docs" / "fit.png"
     found, expected = (Image.open(path).text["Title"] for path in (shown, tmp_path / "fit.png"))
     assert found == expected
-
-
-def _predict_from(run: Callable, fit: Path) -> None:
-    """The saved muscle predicts the reading it was made from, and where it begins to pull."""
-    code, out, _ = run(
-        "predict", fit, "--length", "280mm,300mm", "--pressure", "3bar", "--onset", "--json"
-    )
-    assert code == 0
-    rows = json.loads(out)
-    muscle = load_fit(fit).muscle
-    assert rows[0]["force_N"] == pytest.approx(float(muscle.force(0.28, 3e5)), rel=1e-12)
-    assert rows[0]["inside"]
-    assert not rows[0]["slack"]
-    assert rows[3]["onset_pressure_Pa"] == pytest.approx(20e3, rel=1e-6)  # at rest: the deadband
-    code, out, _ = run("predict", fit, "--length", "0.2m", "--pressure", "300kPa")
-    assert code == 0
-    assert "where inside is False" in out
-    code, out, _ = run("predict", fit, "--length", "10in", "--pressure", "3bar", "--units", "us")
-    assert "length in pressure psi force lbf" in " ".join(out.split())
 
 
 @pytest.mark.parametrize(
@@ -146,9 +141,6 @@ def test_importing_the_library_loads_nothing_until_a_name_is_used():
     assert "jax" in used
     assert not used & {"cv2", "skimage", "serial", "matplotlib", "pint"}
     assert not loaded("import imaging, rig") & (set(HEAVY) - {"numpy", "scipy"})
-
-
-def test_a_namespace_is_imported_as_a_module_or_as_a_name():
     assert not loaded("import famjax.units") & set(HEAVY)
     assert "jax" in loaded("import famjax.peers; famjax.peers.TonduLopez; famjax.Muscle")
     assert famjax.units is sys.modules["famjax.units"]
@@ -168,7 +160,7 @@ def commands() -> list[tuple[tuple[str, ...], str, str]]:
 
 
 @pytest.mark.parametrize(("words", "path", "sentence"), commands())
-def test_a_command_is_listed_with_its_own_first_sentence_and_a_text_for_every_option(
+def test_a_command_is_listed_with_its_sentence_and_a_text_for_every_option(
     words, path, sentence, capsys
 ):
     module, _, name = path.partition(":")
@@ -188,10 +180,8 @@ def test_a_command_is_listed_with_its_own_first_sentence_and_a_text_for_every_op
 
 
 def test_help_loads_no_library(run):
-    """That of one command after the other, in one process."""
     assert run("--version") == (0, f"famjax {famjax.__version__}\n", "")
-    shown = run("fit", "--help")[1]
-    assert len(set(re.findall(r"│ (?:DATA )?(--[a-zA-Z]+)", shown))) <= 18
+    assert len(set(re.findall(r"│ (?:DATA )?(--[a-zA-Z]+)", run("fit", "--help")[1]))) <= 18
     code = """
 from famjax.__main__ import main
 for words in ("", "fit", "assess", "predict", "measure", "rig", "rig simulate", "doctor"):

@@ -109,8 +109,7 @@ def test_tuned_gains_hold_unseen_plants_better(circuit):
     before = expect(others[3:], own[3:], Gains.per_psi(3.0, 8.0, 1000.0), DUTY, seed=5)
     after = expect(others[3:], own[3:], found, DUTY, seed=5)
     assert after.rms.max() < 0.7 * before.rms.max()
-    steps = np.abs(np.diff([0.0, *DUTY.pressures]))
-    assert (after.overshoot / steps).max() < 0.1
+    assert (after.overshoot / np.abs(np.diff([0.0, *DUTY.pressures]))).max() < 0.1
     assert after.highest.max() < DUTY.limit
 
 

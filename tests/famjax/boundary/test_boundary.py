@@ -19,39 +19,25 @@ from processes import python
 from rich.console import Console
 
 from famjax import compilation_cache, console
+from famjax.boundary import toml_file, units as of_units
 from famjax.boundary.errors import InputError
-from famjax.boundary.toml_file import (
-    Form,
-    NotNegative,
-    Positive,
-    Text,
-    from_entries,
-    to_entries,
-    toml_text,
-)
-from famjax.boundary.units import (
-    UNITS,
-    Quantity,
-    Sentence,
-    factor,
-    from_si,
-    sentence_in_units,
-    si_unit,
-    to_si,
-)
+from famjax.boundary.toml_file import Form, from_entries, to_entries, toml_text
+from famjax.boundary.units import UNITS, Quantity, Sentence, sentence_in_units
 from famjax.compilation_cache import cache_root
 
 
 @pytest.mark.parametrize(("kind", "unit"), [(k, u) for k, units in UNITS.items() for u in units])
 def test_multipliers_are_those_of_pint(kind, unit):
-    si = si_unit(kind)
+    si = of_units.si_unit(kind)
     registry = pint.get_application_registry()
     unit_there, si_there = (
         re.sub(r"([a-z])3$", r"\1**3", u.replace("_per_", "/")) for u in (unit, si)
     )
     expected = registry.Quantity(1.0, unit_there).to(si_there).magnitude
-    assert factor(unit, kind) == pytest.approx(expected, rel=1e-14)
-    assert from_si(to_si(3.0, unit, kind), unit, kind) == pytest.approx(3.0, rel=1e-15)
+    assert of_units.factor(unit, kind) == pytest.approx(expected, rel=1e-14)
+    assert of_units.from_si(of_units.to_si(3.0, unit, kind), unit, kind) == pytest.approx(
+        3.0, rel=1e-15
+    )
 
 
 INNER = Sentence("the length ", Quantity(0.25, "length"))
@@ -86,35 +72,29 @@ def test_a_text_follows_units(text, system, shown):
     assert sentence_in_units(sentence_in_units(text, system), system) == shown
 
 
-VALUES = st.one_of(
-    st.booleans(),
-    st.integers(-(2**63), 2**63 - 1),
-    st.floats(),
-    st.text(st.characters(exclude_categories=["Cs"])),
-)
+TEXTS = st.text(st.characters(exclude_categories=["Cs"]))
+VALUES = st.one_of(st.booleans(), st.integers(-(2**63), 2**63 - 1), st.floats(), TEXTS)
 
 
 @dataclasses.dataclass(frozen=True)
 class Inner:
-    gap: NotNegative = 0.0
+    gap: toml_file.NotNegative = 0.0
 
 
 @dataclasses.dataclass(frozen=True)
 class Outer:
-    length: Positive
+    length: toml_file.Positive
     lengths: tuple[float, ...] = ()
     ends: tuple[float, float] | None = None
     count: int = 1
     kind: Literal["air", "water"] = "air"
-    name: Text = "a"
+    name: toml_file.Text = "a"
     limit: float | None = 5.0
     inner: Inner = dataclasses.field(default_factory=Inner)
 
 
-FORM = Form(
-    kinds=dict.fromkeys(("length", "lengths", "ends", "gap", "limit"), "length"),
-    keys={"count": "count_of_all"},
-)
+LENGTHS = ("length", "lengths", "ends", "gap", "limit")
+FORM = Form(kinds=dict.fromkeys(LENGTHS, "length"), keys={"count": "count_of_all"})
 
 
 @settings(deadline=None)  # the first example imports what it needs

@@ -17,16 +17,7 @@ from slow_cases import slow_after
 
 import famjax
 from famjax.boundary.errors import InputError
-from famjax.cards import (
-    MuscleCard,
-    card_as_document,
-    card_from_document,
-    muscle_as_dict,
-    muscle_from_dict,
-    read_card,
-    schema,
-    write_card,
-)
+from famjax.cards import MuscleCard, muscle_as_dict, muscle_from_dict, read_card, schema, write_card
 from famjax.continuation import Region
 from famjax.muscle import MountedMuscle
 from famjax.muscles import bundled_card
@@ -81,7 +72,6 @@ def test_a_card_comes_back_to_the_last_digit(golden, tmp_path):
 
 
 def test_the_schema_file_is_that_of_the_classes():
-    """`python -c "import json; from famjax.cards import schema; ..."` writes it: see its test."""
     assert SCHEMA_FILE.read_text() == json.dumps(schema(), indent=1) + "\n"
 
 
@@ -160,15 +150,13 @@ def test_a_cut_card_pulls_the_same_at_the_same_contraction():
     cylinder = eqx.tree_at(lambda m: m.muscle.geometry, one, one.muscle.geometry.cylinder)
     whole = dataclasses.replace(card, members=(cylinder,))
     for contraction, pressure in ((0.0, 3e5), (0.1, 5e5), (0.35, 6e5), (-0.2, 9e5)):
-        found, wanted = (
-            of.safe().force((1 - contraction) * L0, pressure)
-            for of, L0 in ((whole.cut(rest / 2), rest / 2), (whole, rest))
-        )
+        pairs = (whole.cut(rest / 2), rest / 2), (whole, rest)
+        found, wanted = (of.safe().force((1 - contraction) * L0, pressure) for of, L0 in pairs)
         np.testing.assert_allclose(found, wanted, rtol=1e-6, atol=1e-6)
     with pytest.raises(InputError, match="rest length must be > 0"):
         card.cut(-1.0)
-    document = card_as_document(short)
-    assert card_from_document(document).name == "DMSP-10"
+    document = famjax.cards.card_as_document(short)
+    assert famjax.cards.card_from_document(document).name == "DMSP-10"
 
 
 P = 1.5
@@ -182,12 +170,10 @@ def family() -> famjax.surfaces.MeasuredFamily:
 
 
 def surface() -> famjax.surfaces.SampledSurface:
-    """A shape that swells with the pressure."""
     x, lengths = np.linspace(0, 1, 9), known.L0 * np.array([1.0, 0.86, 0.72])
     bulge = 1 + 0.3 * np.arange(3)[:, None] * np.sin(np.pi * x)
-    return famjax.surfaces.SampledSurface(
-        lengths, [20.0, 90.0], np.stack([bulge, 1.01 * bulge]), known.KEVLAR, 0.02
-    )
+    wide = np.stack([bulge, 1.01 * bulge])
+    return famjax.surfaces.SampledSurface(lengths, [20.0, 90.0], wide, known.KEVLAR, 0.02)
 
 
 GEOMETRIES: dict[str, Callable[[], famjax.geometries.AbstractGeometry]] = {
@@ -231,10 +217,6 @@ def force(muscle: famjax.Muscle) -> jax.Array:
     return muscle.force(known.L0 * np.array([0.99, 0.8]), P)
 
 
-def through_text(card: dict) -> dict:
-    return json.loads(json.dumps(card, allow_nan=False))
-
-
 @pytest.mark.parametrize(
     "name",
     slow_after(
@@ -245,7 +227,8 @@ def test_a_muscle_comes_back_to_the_last_bit(name, caplog):
     muscle = muscle_named(name)
     pull = force(muscle)
     assert np.isfinite(pull).all()
-    again = muscle_from_dict(through_text(muscle_as_dict(muscle)))
+    card = json.loads(json.dumps(muscle_as_dict(muscle), allow_nan=False))
+    again = muscle_from_dict(card)
     with jax.log_compiles():  # what was written in Python's numbers meets the same programs
         np.testing.assert_array_equal(force(again), pull)
     assert not caplog.records, caplog.records[0].getMessage()

@@ -7,22 +7,11 @@ import math
 import numpy as np
 import pytest
 
+import famjax
 from famjax import Muscle, units
 from famjax.boundary.errors import InputError
 from famjax.braids import gaylord_force
-from famjax.design import (
-    Combination,
-    Requirement,
-    exclusion_rows,
-    fam_angle,
-    fitting_diameter_on_bladder,
-    fitting_diameter_on_braid,
-    front_members,
-    load_catalogue,
-    search,
-    size_end_fittings,
-    swaged_bore,
-)
+from famjax.design import Combination, Requirement, fam_angle, front_members, load_catalogue, search
 from famjax.design.search import LATEX
 
 INCH, PSI, LBF = units.INCH, units.PSI, units.LBF
@@ -117,9 +106,7 @@ TABLE_2_3 = {
     "Kevlar 2.5 in": ("73.6", "", "", ""),
 }
 ENTRIES = [
-    (name, diameter, printed)
-    for name, row in TABLE_2_3.items()
-    for diameter, printed in zip(DIAMETERS, row, strict=True)
+    (name, *one) for name, row in TABLE_2_3.items() for one in zip(DIAMETERS, row, strict=True)
 ]
 
 
@@ -171,15 +158,21 @@ THIN, WALL = 0.011, 0.0625  # in, the 7/8 in muscle's
 
 
 def test_fitting_diameters_come_within_a_thousandth_of_the_published_ones():
-    bore = swaged_bore(1.0, 0.058, 0.027)
-    assert abs(fitting_diameter_on_braid(bore, THIN, 0.17) - 0.838) < THOUSANDTH
-    assert abs(fitting_diameter_on_bladder(bore, THIN, WALL, 0.30) - 0.748) < THOUSANDTH
+    bore = famjax.design.swaged_bore(1.0, 0.058, 0.027)
+    assert abs(famjax.design.fitting_diameter_on_braid(bore, THIN, 0.17) - 0.838) < THOUSANDTH
+    assert (
+        abs(famjax.design.fitting_diameter_on_bladder(bore, THIN, WALL, 0.30) - 0.748) < THOUSANDTH
+    )
 
 
 def test_only_a_tube_of_0p058_in_or_more_lets_the_fitting_into_the_bore():
     catalogue = load_catalogue()
     wide = [one for one in catalogue.bladders if one.diameter == pytest.approx(0.875 * INCH)]
-    found = [f for one in wide for f in size_end_fittings(catalogue, catalogue.braids[1], one)]
+    found = [
+        f
+        for one in wide
+        for f in famjax.design.size_end_fittings(catalogue, catalogue.braids[1], one)
+    ]
     assert len(found) == 4 * 3
     fits = [(f.tube.thickness / INCH, f.bladder.thickness / INCH) for f in found if f.feasible]
     np.testing.assert_allclose(fits, [(0.058, 0.0625), (0.065, 0.0625)])
@@ -206,19 +199,10 @@ def found_with(requirement=ASKED, *, catalogue=None, **changes):
 
 
 def two_pairs():
-    """The catalogue with two bladders and one braid."""
     catalogue = load_catalogue()
     names = ("bladder 0.875 in x 0.0625 in", "bladder 1 in x 0.125 in")
-    return dataclasses.replace(
-        catalogue,
-        bladders=tuple(b for b in catalogue.bladders if b.name in names),
-        braids=tuple(b for b in catalogue.braids if b.name == "Kevlar 2.0 in"),
-    )
-
-
-@pytest.fixture(scope="module")
-def of_all():
-    return found_with()
+    bladders = tuple(b for b in catalogue.bladders if b.name in names)
+    return dataclasses.replace(catalogue, bladders=bladders, braids=(braid_named("Kevlar 2.0 in"),))
 
 
 def free_air(bladder, combination, contraction, pressure):
@@ -265,7 +249,7 @@ def test_a_tiny_space_is_what_a_loop_over_it_finds():
     for name in rows[0]:
         expected = [row[name] for row in rows]
         np.testing.assert_allclose(found.columns[name], expected, rtol=SOLVED, err_msg=name)
-    excluded = {row["constraint"]: row for row in exclusion_rows(found, system="si")}
+    excluded = {row["constraint"]: row for row in famjax.design.exclusion_rows(found, system="si")}
     assert excluded["force"]["excluded"] == sum(row["force"] < ASKED.force for row in rows)
     assert excluded["longest_length"]["excluded"] == 2 * steps * 2  # two of five lengths
     costs = np.stack([found.columns[name] for name in found.objectives], axis=-1)
@@ -275,7 +259,8 @@ def test_a_tiny_space_is_what_a_loop_over_it_finds():
 
 
 @pytest.mark.slow
-def test_the_refined_design_keeps_to_everything_and_is_better(of_all):
+def test_the_refined_design_keeps_to_everything_and_is_better():
+    of_all = found_with()
     end, (first, *_) = of_all.refined, of_all.front
     assert end["gain"] > 0.01
     margins = {
@@ -336,8 +321,7 @@ def test_a_load_over_a_stroke_is_the_force_at_its_end():
 def dominated(costs):
     """By the definition: some other is nowhere worse and somewhere better."""
     nowhere_worse = np.all(costs[:, None] <= costs[None], axis=-1)
-    better = np.any(costs[:, None] < costs[None], axis=-1)
-    return np.any(nowhere_worse & better, axis=0)
+    return np.any(nowhere_worse & np.any(costs[:, None] < costs[None], axis=-1), axis=0)
 
 
 @pytest.mark.parametrize("objectives", [1, 2, 3, 5])

@@ -73,14 +73,11 @@ def compiled(subject: Subject, folder: Path, real: str) -> Callable[[str], Funct
     return function
 
 
-def code_sections(
-    source: Path, *options: str, compiler: str = "gcc", size: str = "size"
-) -> dict[str, int]:
+def code_sections(source: Path, *options: str, compiler: str = "gcc", size: str = "size") -> dict:
     """Bytes of each section of a C source compiled for size."""
     target = str(source.with_suffix(".o"))
-    subprocess.run(
-        [compiler, *STRICT, "-Os", *options, "-c", "-o", target, str(source)], check=True
-    )
+    command = [compiler, *STRICT, "-Os", *options, "-c", "-o", target, str(source)]
+    subprocess.run(command, check=True)
     told = subprocess.run([size, "-A", target], capture_output=True, text=True, check=True)
     rows = [line.split() for line in told.stdout.splitlines()]
     return {row[0]: int(row[1]) for row in rows if len(row) == 3 and row[1].isdigit()}
@@ -105,8 +102,6 @@ def telling(subject: Subject, length: np.ndarray, pressure: np.ndarray) -> np.nd
 
 
 class KneeRun(NamedTuple):
-    """What a knee did."""
-
     overrun: float  # of the identified stroke at either end, the lesser, in strokes
     fastest: float  # largest speed of all 10 s [rad/s]
     at_rest: float  # that of the last second, the drive being off [rad/s]
@@ -190,7 +185,6 @@ class Course:
         return CompiledPlant(library, name)
 
     def errors_in_c(self, folder: Path) -> dict[str, float]:
-        """Errors of the C export's step."""
         plant, found = self.compiled(folder), []
         plant.start(self.length[0], 0.0)
         for at, signal, dump, velocity in self._ticks():
@@ -213,9 +207,8 @@ class Course:
             # The solver of model exchange holds its inputs from one output to the next.
             output_interval=TICK if kind == "CoSimulation" else TICK / 8,
         )  # fmt: skip
-        pressure, force = (
-            np.interp(times[1:], found["time"], found[name]) for name in ("pressure", "force")
-        )
+        both = (found[name] for name in ("pressure", "force"))
+        pressure, force = (np.interp(times[1:], found["time"], one) for one in both)
         return self.errors(pressure, force)
 
     def errors_in_mujoco(self, folder: Path) -> dict[str, float]:

@@ -21,11 +21,17 @@ def no_callbacks() -> Iterator[None]:
 
 @pytest.fixture
 def hanging(subject: Subject, tmp_path: Path):
-    """The exported model with its callback."""
     xml, _ = export(subject, ["mujoco"], tmp_path)
     model = mujoco.MjModel.from_xml_path(str(xml))
     install(model, {"test_20": subject.pull})
     return model, mujoco.MjData(model)
+
+
+def pulled(model, pressure: float) -> float:
+    data = mujoco.MjData(model)
+    data.ctrl[0] = pressure
+    mujoco.mj_forward(model, data)
+    return data.actuator_force[0]
 
 
 @pytest.mark.parametrize(("load", "pressure"), [(100.0, 2e5), (400.0, 4e5), (700.0, 6e5)])
@@ -47,15 +53,9 @@ def test_without_the_callback_and_in_another_model_nothing_pulls(hanging, subjec
     other = mujoco.MjModel.from_xml_string(text.replace("slide", "rail", 1))
     built = mujoco.MjSpec.from_string(text.replace("anchor", "hold")).compile()
     for one in (other, built, model):
-        data = mujoco.MjData(one)
-        data.ctrl[0] = 4.5e5
-        mujoco.mj_forward(one, data)
-        assert (data.actuator_force[0] < 0) == (one is model)
+        assert (pulled(one, 4.5e5) < 0) == (one is model)
     uninstall()
-    data = mujoco.MjData(model)
-    data.ctrl[0] = 4.5e5
-    mujoco.mj_forward(model, data)
-    assert data.actuator_force[0] == 0
+    assert pulled(model, 4.5e5) == 0
 
 
 JOINT = """<mujoco><worldbody><body><joint name="elbow"/><geom size="0.1"/></body></worldbody>
@@ -71,10 +71,7 @@ def test_an_actuator_by_which_a_muscle_would_not_pull_is_refused(subject):
     with pytest.raises(ValueError, match="pass the length of the muscle there as an offset"):
         install(model, pulls)
     install(model, pulls, {"flexor": 0.27})
-    data = mujoco.MjData(model)
-    data.ctrl[0] = 3e5
-    mujoco.mj_forward(model, data)
-    assert data.actuator_force[0] == pytest.approx(-subject.pull.force(0.27, 3e5))
+    assert pulled(model, 3e5) == pytest.approx(-subject.pull.force(0.27, 3e5))
 
 
 def test_a_control_that_is_hardly_in_pascal_is_said_once(hanging):
@@ -98,9 +95,8 @@ def test_the_pressure_may_be_a_state_of_the_actuator(subject, tmp_path):
     mujoco.mj_step(model, data, nstep=1500)
     assert data.act[0] == pytest.approx(data.ctrl[0], rel=1e-6)
     mujoco.mj_forward(model, data)
-    assert -data.actuator_force[0] == pytest.approx(
-        subject.pull.force(float(data.ten_length[0]), float(data.act[0]))
-    )
+    expected = subject.pull.force(float(data.ten_length[0]), float(data.act[0]))
+    assert -data.actuator_force[0] == pytest.approx(expected)
 
 
 @needs("gcc")

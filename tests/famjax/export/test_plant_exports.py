@@ -13,10 +13,8 @@ from famjax.plant import DahlFriction, HydraulicCircuit, Plant, PneumaticCircuit
 from famjax.slip import CentredSlip, MaxwellSlip, ReferenceCycle, SlipElements
 
 SLIP = MaxwellSlip(SlipElements([0.01, 0.03], [20, 10]), SlipElements([0.005], [30]), 0.296, 1e6)
-RAMP, STROKE = (
-    ReferenceCycle("ramp", 0.0, 5e5, cycled=True),
-    ReferenceCycle("stroke", 0.296, 0.25, cycled=False),
-)
+RAMP = ReferenceCycle("ramp", 0.0, 5e5, cycled=True)
+STROKE = ReferenceCycle("stroke", 0.296, 0.25, cycled=False)
 PLANTS: dict[str, tuple[Any, Any]] = {
     "air, Dahl": (PneumaticCircuit(), DahlFriction(dry=5.0)),
     "air, slip about a stroke": (PneumaticCircuit(), CentredSlip(SLIP, STROKE)),
@@ -87,10 +85,8 @@ def test_a_law_of_ones_own_is_refused(subject, tmp_path):
     class Own(PneumaticCircuit):
         pass
 
-    for plant in (
-        Plant(Own(), subject.muscle),
-        Plant(PneumaticCircuit(), subject.muscle, friction=1),
-    ):
+    for circuit, friction in ((Own(), None), (PneumaticCircuit(), 1)):
+        plant = Plant(circuit, subject.muscle, friction=friction)
         with pytest.raises(InputError, match="cannot be exported"):
             export(dataclasses.replace(subject, plant=plant), ["c"], tmp_path)
 

@@ -24,8 +24,7 @@ def test_c_is_the_model(real, force_error, pressure_error, dmsp_20, tmp_path):
     function = compiled(dmsp_20, tmp_path, real)
     L, P = exported_states(dmsp_20, 2000)
     force = np.asarray(dmsp_20.muscle.force(L, P))
-    largest = force[:1000].max()
-    assert np.abs(function("force")(L, P) - force).max() < force_error * largest
+    assert np.abs(function("force")(L, P) - force).max() < force_error * force[:1000].max()
     stiffness = np.array([*map(dmsp_20.pull.stiffness, L.tolist(), P.tolist())])
     off = np.abs(function("stiffness")(L, P) - stiffness)
     inside = off[:1000].max() / stiffness[:1000].max()
@@ -99,10 +98,8 @@ def test_octave_computes_the_table_to_the_last_digits(subject, tmp_path, monkeyp
     monkeypatch.setattr("famjax.export.targets.closed_form", lambda _: None)
     export(subject, ["matlab"], tmp_path)
     L, P = exported_states(subject, 100)
-    force, stiffness, area = (
-        np.array([*map(ask, L.tolist(), P.tolist())])
-        for ask in (subject.pull.force, subject.pull.stiffness, subject.pull.area)
-    )
+    asks = subject.pull.force, subject.pull.stiffness, subject.pull.area
+    force, stiffness, area = (np.array([*map(ask, L.tolist(), P.tolist())]) for ask in asks)
     asked = np.append(force, [1e6, -5.0, np.nan]), np.append(L, [0.28, 0.27, 0.27])
     savemat(tmp_path / "states.mat", {"L": L, "P": P, "F": asked[0], "M": asked[1]})
     back = octave(
@@ -166,7 +163,6 @@ def test_an_mjx_rollout_is_mujoco_s_and_its_derivative_that_of_differences(subje
     assert exact == pytest.approx(difference, rel=1e-6)
     end, first = rollout(tmp_path, STEPS)
     assert abs(exact) * first > 1e-5  # m: E_1 moves the load
-
     export(subject, ["mujoco"], tmp_path)
     plain = mujoco.MjModel.from_xml_path(str(tmp_path / "test_20.xml"))
     data = mujoco.MjData(plain)

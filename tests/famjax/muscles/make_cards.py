@@ -19,10 +19,8 @@ def make_cards(folder: Path) -> list[Path]:
     for name, data in CARDS.items():
         card = f"{name.lower()}.json"
         with tempfile.TemporaryDirectory() as scratch:
-            for command in (
-                ["fit", data, "--output", name],
-                ["card", f"{name}/fit.json", "--name", name, "--output", card],
-            ):
+            card_of = ["card", f"{name}/fit.json", "--name", name, "--output", card]
+            for command in (["fit", data, "--output", name], card_of):
                 words = [sys.executable, "-m", "famjax", *command]
                 subprocess.run(words, cwd=scratch, check=True, stdout=subprocess.DEVNULL)
             written.append(folder / card)

@@ -113,9 +113,7 @@ def test_what_was_not_identified_says_so_wherever_it_is_used(run, dmsp10, tmp_pa
         code, _, err = run(*arguments)
         told = " ".join(err.split())
         assert code == 0
-        assert (
-            f"warning: {arguments[1]} contains no identified muscle: The data look wrong." in told
-        )
+        assert f"warning: {arguments[1]} contains no identified muscle: The data" in told
     (table,) = (tmp_path / "out").glob("*.csv")
     assert "WARNING: " in table.read_text()
 

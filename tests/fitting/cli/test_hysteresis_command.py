@@ -15,7 +15,6 @@ from fitting.records import History
 
 # For the fit that all of these read, which then only one stage of CI makes.
 pytestmark = pytest.mark.slow
-
 REST, TOP, ZERO = 0.3, 6e5, 9e3
 LENGTHS = (0.3, 0.288, 0.276, 0.264)
 SLIP = MaxwellSlip(SlipElements([0.01], [6.0]), SlipElements([0.004], [12.0]), REST, 1e6)
@@ -25,9 +24,8 @@ PRESSURES = (0.0, 4e5, TOP, 4e5, 5e5, 4e5)  # fill, vent, and a minor loop
 def _muscle() -> famjax.Muscle:
     braid = famjax.Braid.from_rest(diameter=0.022, braid_angle=1.13, length=REST)
     bladder = famjax.Bladder(REST, 0.022, 0.002, embedded=True)
-    return famjax.Muscle(
-        famjax.EstimatedGeometry(braid, bladder), famjax.PolynomialMaterial([3e6, -2e6]), 2e4
-    )
+    law = famjax.PolynomialMaterial([3e6, -2e6])
+    return famjax.Muscle(famjax.EstimatedGeometry(braid, bladder), law, 2e4)
 
 
 @pytest.fixture(scope="module")
@@ -67,8 +65,7 @@ def test_the_fit_holds_the_hysteresis(fitted):
     # The lowest point of each record is at the kink where the muscle turns slack.
     assert document["rms_N"] < 0.12 * document["measured_rms_N"]
     assert document["left_out"]["length"]["ratio"] < 0.3
-    page = (fitted / "report.html").read_text()
-    assert "Hysteresis: half-difference" in page
+    assert "Hysteresis: half-difference" in (fitted / "report.html").read_text()
     assert load_fit(fitted / "fit.json").outlook.hysteresis is not None
 
 
@@ -84,8 +81,7 @@ def test_both_branches_are_predicted(run, fitted, tmp_path):
     L, P = np.full(6, 0.27), np.array(PRESSURES)  # a length between those of the records
     true = np.asarray(_muscle().force(L, P)) + np.asarray(SLIP.along(L, P))
     np.testing.assert_allclose(force[1:], true[1:], atol=0.01 * true.max())
-    half = (true[3] - true[1]) / 2
-    assert (force[3] - force[1]) / 2 == pytest.approx(half, rel=0.1)
+    assert (force[3] - force[1]) / 2 == pytest.approx((true[3] - true[1]) / 2, rel=0.1)
     assert (force[3] + force[1]) / 2 == pytest.approx(static[1], rel=1e-3)
     assert force[5] == pytest.approx(force[3], rel=1e-9)  # the minor loop leaves no trace
     code, out, _ = run("predict", fitted / "fit.json", "--history", path)
@@ -104,8 +100,7 @@ def test_the_band_holds_the_error_of_the_hysteresis(fitted):
     rows, static = predict_history(fit, History(L, P)), static_rows(fit, L, P)
     for row, alone in zip(rows[1:], static[1:], strict=True):
         half = (row["high_95_N"] - row["low_95_N"]) / 2
-        assert half == pytest.approx(
-            np.hypot((alone["high_95_N"] - alone["low_95_N"]) / 2, 1.96 * missed), rel=1e-9
-        )
+        own = (alone["high_95_N"] - alone["low_95_N"]) / 2
+        assert half == pytest.approx(np.hypot(own, 1.96 * missed), rel=1e-9)
         assert row["force_std_N"] == pytest.approx(np.hypot(alone["force_std_N"], missed), rel=1e-9)
         assert (row["high_95_N"] + row["low_95_N"]) / 2 == pytest.approx(row["force_N"], rel=1e-9)

@@ -157,8 +157,7 @@ def test_a_module_that_is_named_is_imported(files, here):
     with pytest.raises(InputError, match="not part of famjax"):
         read_card("card.json", own=("other", famjax.materials.YeohMaterial))
     assert not (here / "imported").exists()
-    card = read_card("card.json", own=("spy",))
-    law = type(card.members[1].muscle.material)
+    law = type(read_card("card.json", own=("spy",)).members[1].muscle.material)
     assert (law.__module__, law.__name__) == ("spy", "Law")
     assert (here / "imported").exists()
     assert type(fitting.load_fit("fit.json", own=(law,)).muscle.material) is law

@@ -4,13 +4,7 @@ import numpy as np
 import pytest
 
 from fitting import InputError
-from fitting.records import (
-    MachineLog,
-    SyncError,
-    align_by_load,
-    fit_clock,
-    synchronise,
-)
+from fitting.records import MachineLog, SyncError, align_by_load, fit_clock, synchronise
 
 LATENCY = 0.002
 """Shortest latency [s]: the map cannot know it."""
@@ -141,9 +135,7 @@ REST = 9.28 * IN
 
 
 def triangle(t, stroke=2.8 * IN, start=10.0, duration=240.0):
-    """Displacement of one cycle between two stops."""
-    part = np.clip((t - start) / duration, 0, 1)
-    return stroke * (1 - np.abs(2 * part - 1))
+    return stroke * (1 - np.abs(2 * np.clip((t - start) / duration, 0, 1) - 1))
 
 
 def machine(displacement=triangle, end=270.0):

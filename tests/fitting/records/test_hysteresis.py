@@ -4,20 +4,11 @@ import numpy as np
 import pytest
 from maps import BPA10, bpa10_maps, clarabel_objective, festo10_pairs
 
+import fitting
 from famjax.boundary.errors import InputError
 from famjax.cards import slip_from_dict
 from famjax.slip import CentredSlip, MaxwellSlip, ReferenceCycle, SlipElements
-from fitting.records import (
-    BranchPairs,
-    HysteresisFit,
-    fit_hysteresis,
-    hysteresis as module,
-    hysteresis_as_dict,
-    hysteresis_table,
-    hysteresis_warnings,
-    leave_out,
-    ramp_pairs,
-)
+from fitting.records import BranchPairs, fit_hysteresis, hysteresis as module, leave_out
 from fitting.records.hysteresis import half_difference_columns, threshold_grid
 
 REST, TOP = 0.25, 6e5
@@ -36,15 +27,12 @@ def _ramp(slip: MaxwellSlip, contraction: float, noise: float = 0.0, seed: int =
     whole = np.asarray(slip.along(np.full(49, L), np.concatenate([P, P[-2::-1]])))
     half = (whole[24:][::-1] - whole[:25]) / 2
     half = half + noise * np.random.default_rng(seed).normal(size=half.size)
-    return BranchPairs.ramp(
-        L, P[4:-1], half[4:-1], turn_pressure=TOP, rest_length=REST, name=f"{contraction:.0%}"
-    )
+    about = {"turn_pressure": TOP, "rest_length": REST, "name": f"{contraction:.0%}"}
+    return BranchPairs.ramp(L, P[4:-1], half[4:-1], **about)
 
 
 def _ramps(noise: float = 0.0) -> BranchPairs:
-    return BranchPairs.joined(
-        [_ramp(TRUTH, eps, noise, seed) for seed, eps in enumerate(CONTRACTIONS)]
-    )
+    return BranchPairs.joined([_ramp(TRUTH, eps, noise, k) for k, eps in enumerate(CONTRACTIONS)])
 
 
 TRUE = np.array([4.0, 0.0, 9.0, 0.0, 30.0])
@@ -81,13 +69,13 @@ def test_records_and_lengths_left_out_are_predicted():
     assert set(kinds) == {"record", "length"}
     assert kinds["record"].ratio < 0.2
     assert kinds["length"].ratio < 0.4
-    assert hysteresis_warnings(fit) == ()
+    assert fitting.records.hysteresis_warnings(fit) == ()
 
 
 def test_a_muscle_at_rest_has_no_loop():
     fit = leave_out(fit_hysteresis(_bad(length=REST)))
     assert not fit.strength.any()
-    assert "zero strength" in hysteresis_warnings(fit)[0]
+    assert "zero strength" in fitting.records.hysteresis_warnings(fit)[0]
 
 
 @pytest.mark.parametrize(
@@ -114,7 +102,7 @@ def test_the_static_map_is_the_middle_of_its_cycles(cycle):
 
 def test_saved_and_read_back():
     fit = leave_out(fit_hysteresis(_ramps(noise=0.1)))
-    document = hysteresis_as_dict(fit)
+    document = fitting.records.hysteresis_as_dict(fit)
     again = slip_from_dict(document)
     assert again.cycle == fit.centred.cycle
     L, P = np.full(5, 0.22), np.array([0, 3e5, 6e5, 2e5, 4e5])
@@ -122,7 +110,7 @@ def test_saved_and_read_back():
     assert document["left_out"]["length"]["ratio"] == pytest.approx(fit.left_out[1].ratio)
     with pytest.raises(InputError, match=r"cannot be read .*required field .wall"):
         slip_from_dict({k: v for k, v in document.items() if k != "wall"})
-    title, header, rows = hysteresis_table(fit, "us")
+    title, header, rows = fitting.records.hysteresis_table(fit, "us")
     assert "80 points" in title
     assert header[1] == "lbf"
     assert float(rows[0][1]) == pytest.approx(fit.pairs.measured_rms / 4.4482216, rel=1e-3)
@@ -131,9 +119,7 @@ def test_saved_and_read_back():
 P2, HALF2 = np.array([1e5, 2e5]), np.array([1.0, 2.0])
 
 
-def _bad(
-    length: float = 0.2, P=P2, half=HALF2, turn: float = TOP, rest: float = REST
-) -> BranchPairs:
+def _bad(length=0.2, P=P2, half=HALF2, turn=TOP, rest=REST) -> BranchPairs:
     return BranchPairs.ramp(length, P, half, turn_pressure=turn, rest_length=rest)
 
 
@@ -156,7 +142,7 @@ def test_bad_pairs(call, words):
 LIMIT = 0.6  # of the measured root mean square
 
 
-def _fit(pairs: BranchPairs) -> HysteresisFit:
+def _fit(pairs: BranchPairs) -> fitting.records.HysteresisFit:
     fit = leave_out(fit_hysteresis(pairs))
     assert fit.duality_gap < CERTIFIED
     assert fit.kkt_residual < CERTIFIED
@@ -167,7 +153,7 @@ def _fit(pairs: BranchPairs) -> HysteresisFit:
 def test_bpa10_records_and_lengths_left_out():
     for name, made in bpa10_maps().items():
         rest_length = BPA10[name]["Unkink"]
-        fit = _fit(ramp_pairs(made.points, rest_length=rest_length))
+        fit = _fit(fitting.records.ramp_pairs(made.points, rest_length=rest_length))
         ratios = {one.groups: one.ratio for one in fit.left_out}
         assert set(ratios) == {"record", "length"}
         assert max(ratios.values()) <= LIMIT, (name, ratios)
@@ -176,9 +162,8 @@ def test_bpa10_records_and_lengths_left_out():
 @pytest.mark.slow
 def test_festo10_lengths_left_out():
     fits = {name: _fit(pairs) for name, pairs in festo10_pairs().items()}
-    left = {
-        name: next(one for one in f.left_out if one.groups == "length") for name, f in fits.items()
-    }
+    each = ((name, one) for name, fit in fits.items() for one in fit.left_out)
+    left = {name: one for name, one in each if one.groups == "length"}
     assert len(left) == 5
     assert max(one.ratio for one in left.values()) <= LIMIT
     points = [fit.pairs.length.size for fit in fits.values()]

@@ -5,15 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
+import fitting
 from fitting import InputError, read_csv
-from fitting.records import (
-    Alignment,
-    IsobaricRecord,
-    MachineLog,
-    characterise,
-    combine,
-    write_dataset,
-)
+from fitting.records import IsobaricRecord, MachineLog, characterise, combine, write_dataset
 
 L0, STROKE, RATE, DT = 0.24, 0.06, 1e-3, 0.02
 HALF = 12.0  # N, half of the loop's width
@@ -26,9 +20,7 @@ def pull(length: np.ndarray, pressure: float) -> np.ndarray:
     return pressure / 100 * (1 - (L0 - length) / 0.05)
 
 
-def record(
-    cycles: int = 3, pressures: tuple[float, ...] = (1e5, 3e5), rest: float = 5.0
-) -> IsobaricRecord:
+def record(cycles: int = 3, pressures: tuple = (1e5, 3e5), rest: float = 5.0) -> IsobaricRecord:
     """Strokes with rests of `rest` before each pressure; force = pull -+ HALF, pressure +-, noise."""
     rng = np.random.default_rng(0)
     parts = []
@@ -60,13 +52,11 @@ def test_curves_ends_and_loop_are_those_of_the_closed_form():
         assert bar.blocked_force == pytest.approx(blocked, abs=4 * NOISE / np.sqrt(100))
         slope = bar.set_pressure / 100 / 0.05
         assert bar.free_contraction == pytest.approx((0.05 - HALF / slope) / L0, abs=2 / slope / L0)
-        lost = 2 * HALF * STROKE
-        assert bar.hysteresis == pytest.approx(lost, rel=0.01)
+        assert bar.hysteresis == pytest.approx(2 * HALF * STROKE, rel=0.01)
 
 
 def test_pressure_statistics_are_those_of_the_strokes():
-    found = characterise(record(pressures=(2e5,), rest=20.0))
-    (bar,) = found.isobars
+    (bar,) = characterise(record(pressures=(2e5,), rest=20.0)).isobars
     n = 3 * 2 * STROKE / RATE / DT
     assert bar.pressure == pytest.approx(2e5 + 200, abs=4 * 500 / np.sqrt(n))
     assert bar.pressure_std == pytest.approx(500, rel=4 / np.sqrt(2 * n))
@@ -142,7 +132,7 @@ def log_of(found: IsobaricRecord, **changes: object) -> MachineLog:
     return MachineLog(**(fields | changes))  # pyright: ignore[reportArgumentType]
 
 
-AHEAD = Alignment(-50.0, 0.0, 0.0, 1e-3, 1e-6)
+AHEAD = fitting.records.Alignment(-50.0, 0.0, 0.0, 1e-3, 1e-6)
 
 
 def test_signs_and_zero_of_the_machine_are_honoured():

@@ -138,7 +138,6 @@ def test_an_interrupt_keeps_what_is_done(executor):
 
 
 def kept(file: Path) -> int:
-    """Parts that are in a file."""
     return max(0, len(file.read_bytes().splitlines()) - 1) if file.exists() else 0
 
 
