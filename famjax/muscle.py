@@ -272,26 +272,12 @@ def longest_equilibrium(
     def residual(y: RealArray) -> RealArray:
         return (force(y * unit) - load) / scale
 
-    dtype = jnp.result_type(unit, pull)
-    tolerance = 4 * float(jnp.finfo(dtype).eps)
-    root = bisected(
-        residual,
-        grid[cell + 1] / unit,
-        grid[cell] / unit,
-        tolerance=tolerance,
-        max_steps=20 if dtype == jnp.float32 else 50,
-    )
+    root = bisected(residual, grid[cell + 1] / unit, grid[cell] / unit)
     return jnp.where(found, root * unit, jnp.nan), found
 
 
 def bisected(
-    residual: Callable[[RealArray], RealArray],
-    lower: RealArray,
-    upper: RealArray,
-    *,
-    tolerance: float,
-    max_steps: int,
-    flip: bool = False,
+    residual: Callable[[RealArray], RealArray], lower: RealArray, upper: RealArray
 ) -> RealArray:
     """Find a bracketed root by bisection, differentiable by the implicit function theorem.
 
@@ -300,28 +286,23 @@ def bisected(
     finite derivatives, which does not affect other elements of a batch.
 
     Args:
-        residual: r(y) of a scalar, of order one.
+        residual: r(y) of a scalar, which rises from the lower to the upper end.
         lower: lower end of the bracket, shape ().
         upper: upper end of the bracket, shape ().
-        tolerance: absolute and relative tolerance.
-        max_steps: maximum number of bisection steps.
-        flip: True if r falls from the lower to the upper end.
 
     Returns:
         y, shape ().
     """
 
     def solve(function: Callable[[RealArray], RealArray], start: RealArray) -> RealArray:
-        import optimistix as optx  # noqa: PLC0415 -- slow to load, and only needed for a root
+        def halve(_: Array, ends: tuple[RealArray, RealArray]) -> tuple[RealArray, RealArray]:
+            middle = 0.5 * (ends[0] + ends[1])
+            below = function(middle) < 0
+            return jnp.where(below, middle, ends[0]), jnp.where(below, ends[1], middle)
 
-        return optx.root_find(
-            lambda y, _: function(y),
-            optx.Bisection(rtol=tolerance, atol=tolerance, flip=flip),
-            start,
-            options={"lower": lower, "upper": upper},
-            max_steps=max_steps,
-            throw=False,
-        ).value
+        halvings = jnp.finfo(start.dtype).nmant + 2  # to the last digit
+        ends = jax.lax.fori_loop(0, halvings, halve, jax.lax.stop_gradient((lower, upper)))
+        return 0.5 * (ends[0] + ends[1])
 
     start = jax.lax.stop_gradient(0.5 * (lower + upper))
     return jax.lax.custom_root(jax.jit(residual), start, solve, over_slope)
@@ -568,17 +549,12 @@ class MountedMuscle(AbstractMuscle):
                 shortened = length - self.gives_way(share * scale)
                 return share - self.muscle.force(shortened, pressure) / scale
 
-            fine = jnp.finfo(scale.dtype)
-            share = bisected(
-                residual,
-                # The bracket extends beyond the rigid force, the solution for zero compliance.
-                jnp.full_like(scale, -0.1),
-                jnp.full_like(scale, 1.1),
-                tolerance=4 * float(fine.eps),
-                max_steps=fine.nmant + 2,
-            )
+            # The bracket extends beyond the rigid force, the solution for zero compliance.
+            share = bisected(residual, jnp.full_like(scale, -0.1), jnp.full_like(scale, 1.1))
             # Near zero force, accept a residual within the effect of a rounded length.
-            nearby = self.muscle.force(length * (1 + _ROUNDED_RIG * fine.eps), pressure)
+            nearby = self.muscle.force(
+                length * (1 + _ROUNDED_RIG * jnp.finfo(scale.dtype).eps), pressure
+            )
             rounding = jnp.nan_to_num(jnp.abs(nearby - rigid) / jnp.abs(scale))
             found = jnp.abs(residual(share)) < _FOUND + rounding
             return jnp.where(found & jnp.isfinite(rigid), share * scale, jnp.nan)

@@ -291,10 +291,10 @@ def seen_slack(fit: Identification, length: Column, pressure: Column) -> Bool[np
 def _limits(muscle: famjax.AbstractMuscle) -> tuple[Any, Any, Any]:
     """Return the lengths [m] of `Reach`: of the lock, of straight threads, and of a closed bore."""
     lock = thread_length = math.nan
-    if isinstance(muscle, famjax.EquilibriumMuscle):
-        thread_length = muscle.braid.rest_thread_length
-    elif isinstance(muscle, famjax.Muscle):
+    if isinstance(muscle, famjax.Muscle):
         lock, thread_length = muscle.geometry.braid_limits()
+    elif isinstance(muscle, famjax.EquilibriumMuscle):
+        thread_length = muscle.braid.rest_thread_length
     return lock, thread_length, muscle.length_range()[1]
 
 

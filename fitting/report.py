@@ -266,7 +266,7 @@ def described(part: object) -> str:
 def in_words(result: Identification) -> str:
     """Describe the model of a fit in one line: law, geometry and extras."""
     muscle = result.muscle
-    if isinstance(muscle, famjax.EquilibriumMuscle):
+    if not isinstance(muscle, famjax.Muscle):
         return f"{result.law.name} law, with the shape computed from mechanics between two end-fittings"
     order = f" of order {result.law.order}" if result.law.name == "polynomial" else ""
     shape = "a cylindrical braid"
@@ -412,7 +412,7 @@ class Findings:
         result, certificate, muscle = self.result, self.result.certificate, self.result.muscle
         rig = "compliant, see series_compliance" if float(result.mounted.compliance) else "rigid"
         geometry, told = muscle, []
-        if isinstance(muscle, famjax.EquilibriumMuscle):
+        if not isinstance(muscle, famjax.Muscle):
             told = [
                 "F = dPi/dL, where Pi(L, P) is the minimum of the strain energy minus (P - P_d) V over all "
                 "shapes r(Z) between the fittings. The shape is stable at every loaded reading "
@@ -530,7 +530,7 @@ def live(result: Identification, system: str) -> dict[str, Any]:
 
 
 def _middle(
-    muscle: famjax.Muscle | famjax.EquilibriumMuscle, length: np.ndarray, pressure: np.ndarray
+    muscle: "famjax.Muscle | famjax.EquilibriumMuscle", length: np.ndarray, pressure: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the radius [m] and braid angle [rad] halfway between the fittings."""
     if isinstance(muscle, famjax.Muscle):

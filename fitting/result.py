@@ -5,7 +5,7 @@ import functools
 import itertools
 import math
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -249,11 +249,9 @@ class Identification:
         return tuple(one.name for one in self.estimates if one.at_bound)
 
     @property
-    def muscle(self) -> famjax.Muscle | famjax.EquilibriumMuscle:
+    def muscle(self) -> "famjax.Muscle | famjax.EquilibriumMuscle":  # slow to load
         """The model; a differentiable function of length and pressure."""
-        muscle = self.mounted.muscle
-        assert isinstance(muscle, famjax.Muscle | famjax.EquilibriumMuscle)
-        return muscle
+        return cast("famjax.Muscle | famjax.EquilibriumMuscle", self.mounted.muscle)
 
     @property
     def coefficient_names(self) -> tuple[str, ...]:

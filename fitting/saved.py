@@ -112,11 +112,11 @@ def load_fit(path: str | Path, *, own: Own = ()) -> Identification:
 
 def _identification(document: Mapping[str, Any], own: Own) -> Identification:
     mounted, pictures = _mounted(document, own), document["photographs"]
-    muscle, arrays = mounted.muscle, {name: _array(document[key]) for name, key in _ARRAYS.items()}
-    assert isinstance(muscle, famjax.Muscle | famjax.EquilibriumMuscle)
+    muscle: Any = mounted.muscle
+    arrays = {name: _array(document[key]) for name, key in _ARRAYS.items()}
     estimates = tuple(map(_estimate, document["parameters"].values()))
     law = Law(muscle.material)
-    if isinstance(muscle, famjax.EquilibriumMuscle):
+    if not isinstance(muscle, famjax.Muscle):
         ends = {one.name: (one.min, one.max) for one in estimates}
         law = SearchedLaw(muscle.material, tuple((name, *ends[name]) for name in law.coefficients))
     return Identification(

@@ -225,7 +225,7 @@ def summarise(
         force = predict(problem, k, point.parameters, point.x, one.length, one.pressure)
         errors, loaded = _errors(one, force), one.loaded
         strain_range, own = float(np.max(reported.largest_strain)), certificate
-        if isinstance(muscle, famjax.EquilibriumMuscle):
+        if not isinstance(muscle, famjax.Muscle):
             at = one.length[loaded], one.pressure[loaded]
             shape, margin = muscle.profile(*at), float(np.min(muscle.margin(*at)))
             strain_range = float(np.max(np.abs([shape.axial_strain, shape.hoop_strain])))

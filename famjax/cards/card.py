@@ -19,11 +19,12 @@ import numpy as np
 from jaxtyping import Float
 from msgspec import Meta, Struct
 
+import famjax
+
 from .._arrays import Real, RealArray, as_real, in_trace
 from ..boundary.errors import InputError, Own
 from ..boundary.files import as_svg, write_all
 from ..continuation import Region, SafeMuscle, continued_volume
-from ..equilibrium import EquilibriumMuscle
 from ..muscle import (
     AbstractMuscle,
     MeanMuscle,
@@ -370,10 +371,10 @@ class MuscleCard:
 
 def _diameter_at_rest(mounted: AbstractMuscle) -> float:
     """Return the braid diameter [m] at rest without pressure, or at the fitting."""
-    if isinstance(mounted, EquilibriumMuscle):
-        return float(mounted.end_diameter)
-    assert isinstance(mounted, Muscle)
-    return 2 * float(mounted.geometry.dimensions(mounted.rest_length, 0.0).radius)
+    if isinstance(mounted, Muscle):
+        return 2 * float(mounted.geometry.dimensions(mounted.rest_length, 0.0).radius)
+    assert isinstance(mounted, famjax.EquilibriumMuscle)
+    return float(mounted.end_diameter)
 
 
 def combined(
@@ -404,7 +405,8 @@ def card_as_document(card: MuscleCard) -> CardDocument:
     """
     safe, members = card.safe(), []
     for one, weight in zip(card.members, np.asarray(card.weights, float), strict=True):
-        if not isinstance(one.muscle, Muscle | EquilibriumMuscle):
+        # `famjax.EquilibriumMuscle` is slow to load, so it is asked for last.
+        if not (isinstance(one.muscle, Muscle) or isinstance(one.muscle, famjax.EquilibriumMuscle)):  # noqa: SIM101
             raise InputError(f"a {type(one.muscle).__name__} cannot be stored in a card")
         exponent = None if one.exponent is None else float(one.exponent)
         members.append(

@@ -14,16 +14,17 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import numpy as np
 
+import famjax
+
 from .. import geometries, materials, terms
 from .._arrays import as_number
 from ..boundary.errors import InputError, Own, check_trusted, class_named, class_path
-from ..equilibrium import EquilibriumMuscle
 from ..muscle import AbstractMuscle, Muscle
 from ..parameters import declaration
 
 _ROOMS = (
-    "braids", "geometries", "materials", "measured", "muscle", "equilibrium", "continuation", "profiles",
-    "surfaces", "slip", "terms",
+    "braids", "geometries", "materials", "muscle", "measured", "continuation", "profiles", "surfaces",
+    "slip", "terms", "equilibrium",
 )  # fmt: skip
 _PLAIN = (bool, int, float, tuple[float, ...])
 
@@ -75,8 +76,8 @@ def muscle_from_dict(card: dict[str, Any], *, own: Own = ()) -> AbstractMuscle:
         InputError: an entry is missing or unexpected, a type is unknown or not trusted, or the values do
             not describe a muscle.
     """
-    of_mechanics = isinstance(card, dict) and card.get("type") == EquilibriumMuscle.__name__
-    return _read(card, EquilibriumMuscle if of_mechanics else Muscle, "muscle", own)
+    of_mechanics = isinstance(card, dict) and card.get("type") == "EquilibriumMuscle"
+    return _read(card, famjax.EquilibriumMuscle if of_mechanics else Muscle, "muscle", own)
 
 
 @functools.cache
@@ -145,7 +146,7 @@ def _written(part: Any, where: str) -> dict[str, Any]:
 
 def _type_written(cls: type) -> str:
     """Return the name of a famjax class, or `module:Class` for others."""
-    if _classes().get(cls.__name__) is cls:
+    if cls.__module__ in {f"famjax.{room}" for room in _ROOMS}:
         return cls.__name__
     if "<locals>" in cls.__qualname__:
         raise InputError(f"{cls.__name__} is defined in a function: define it in a module")
@@ -190,26 +191,18 @@ def _type_read(name: Any, base: type, where: str, own: Own) -> type:
         what = f"type of {where} in the card"
         check_trusted(name, own, what)
         return class_named(name, base, what)
-    known = {one: cls for one, cls in _classes().items() if issubclass(cls, base)}
-    if name not in [*known]:
-        raise InputError(
-            f"{where} in the card has the unknown type {name!r}; use one of "
-            f"{', '.join(sorted(known))}, or module:Class"
-        )
-    return known[name]
-
-
-@functools.cache
-def _classes() -> dict[str, type]:
-    """Return the concrete classes of muscle parts by name."""
-    return {
-        name: cls
-        for room in _ROOMS
-        for name, cls in vars(importlib.import_module(f"famjax.{room}")).items()
-        if isinstance(cls, type)
-        and cls.__module__ == f"famjax.{room}"
-        and not name.startswith("Abstract")
-    }
+    known: list[str] = []
+    for room in map("famjax.{}".format, _ROOMS):  # the last one is the slowest to import
+        for one, cls in vars(importlib.import_module(room)).items():
+            own_class = isinstance(cls, type) and cls.__module__ == room
+            if own_class and not one.startswith("Abstract") and issubclass(cls, base):
+                if one == name:
+                    return cls
+                known.append(one)
+    raise InputError(
+        f"{where} in the card has the unknown type {name!r}; use one of "
+        f"{', '.join(sorted(known))}, or module:Class"
+    )
 
 
 def _number(value: Any, annotation: Any, where: str, _own: Own) -> Any:

@@ -161,11 +161,11 @@ def bracketed(
         falls: True if the residual falls from the lower to the upper end.
     """
     low, high = jax.lax.stop_gradient((low, high))
-    width, fine = jnp.where(high == low, 1.0, high - low), jnp.finfo(jnp.result_type(low))
+    width = jnp.where(high == low, 1.0, high - low)
     sign = jnp.where(falls, -1.0, 1.0)
     share = bisected(
         lambda share: sign * residual(low + share * width), jnp.zeros_like(width),
-        jnp.ones_like(width), tolerance=float(fine.eps), max_steps=fine.nmant + 2,
+        jnp.ones_like(width),
     )  # fmt: skip
     return low + share * width
 

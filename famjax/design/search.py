@@ -183,14 +183,12 @@ class Combination(Parametrised):
         pressure is too low to move the bladder.
         """
         greatest = self.jam_contraction
-        fine = jnp.finfo(greatest.dtype)
         scale = jax.lax.stop_gradient(self.force(0.0, pressure))
 
         def missing(share: RealArray) -> RealArray:
             return -self.force(share * greatest, pressure) / jnp.where(scale > 0, scale, 1.0)
 
-        ends = jnp.zeros_like(greatest), jnp.ones_like(greatest)
-        share = bisected(missing, *ends, tolerance=float(fine.eps), max_steps=fine.nmant + 2)
+        share = bisected(missing, jnp.zeros_like(greatest), jnp.ones_like(greatest))
         found = jnp.where(self.force(greatest, pressure) > 0, 1.0, share) * greatest
         return jnp.where(scale > 0, found, jnp.nan)
 

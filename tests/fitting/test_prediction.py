@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 from maps import bare_fit, muscle_map
 from muscles import FESTO_CYLINDER
+from scipy.special import stdtrit
 from slow_cases import slow_after
 
 import famjax
 import fitting
 from fitting import Choice, ForceData, Identification, load_fit, predict, write_csv, write_fit
-from fitting.bands import pull
+from fitting.bands import pull, student_factor
 from fitting.prediction import pressures_for, reported, seen_slack
 from fitting.result import Outlook
 from fitting.series import FROM_ONE
@@ -267,3 +268,10 @@ def test_a_prediction_is_the_mean_of_the_accounts(chosen, saved):
     assert row["force_N"] == pytest.approx(np.mean(forces), rel=1e-9)
     between = FROM_ONE * chosen[1].data.max_force
     assert row["force_std_N"] == pytest.approx(np.hypot(np.std(forces), between), rel=1e-9)
+
+
+def test_half_widths_are_those_of_student():
+    freedoms = np.array([1, 1.5, 3, 4.5, 7, 30, 1e4])
+    np.testing.assert_allclose(
+        [student_factor(n) for n in freedoms], stdtrit(freedoms, 0.975), rtol=1e-9
+    )
