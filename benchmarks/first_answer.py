@@ -72,12 +72,12 @@ WAITS = {
     "famjax --help": Wait(famjax("--help"), 0.3, 0.3),
     "famjax fit --help": Wait(famjax("fit", "--help"), 0.3, 0.3),
     "famjax predict": Wait(PREDICT, 1.5, 1.2),
-    "famjax fit --law polynomial": Wait(FIT, 3, 1.8),
+    "famjax fit --law polynomial": Wait(FIT, 4, 2.5),
     "famjax fit --law polynomial, map of another size":
         Wait(polynomial("{inputs}/smaller.csv"), second=2.2, prime=FIT),
     "famjax fit --law polynomial, another specimen":
         Wait(polynomial("{inputs}/specimen.csv"), second=2.2, prime=FIT),
-    "famjax fit": Wait(famjax("fit", "{data}"), 9, 5.4),
+    "famjax fit": Wait(famjax("fit", "{data}"), 12, 6),
     "famjax fit --law ogden, new to the cache":
         Wait(famjax("fit", "{data}", "--law", "ogden"), second=2.2, prime=FIT),
     "famjax fit --law ogden": Wait(famjax("fit", "{data}", "--law", "ogden"), second=2.2),
