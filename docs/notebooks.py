@@ -1,7 +1,7 @@
-"""Write the page `tutorials.md`: the tutorials in `examples/`, run cell by cell, with output and figures.
+"""Write the page `tutorials.md` from the scripts in `examples/`, with the output and figures of each cell.
 
-python docs/notebooks.py            # into docs, figures into docs/figures
-python docs/notebooks.py FOLDER     # or elsewhere
+python docs/notebooks.py            # write into docs, with the figures in docs/figures
+python docs/notebooks.py FOLDER     # write into another folder
 """
 
 import contextlib
@@ -18,24 +18,24 @@ EXAMPLES = Path(__file__).parents[1] / "examples"
 TUTORIALS = ("lab_tutorial", "robot_tutorial", "jax_tutorial")
 _HEAD = """# Tutorials
 
-This page shows three scripts to run and change. Editors that support `# %%` cells (VS Code, Spyder,
-PyCharm) run them cell by cell; `jupytext --to ipynb` converts them to notebooks.
-`python docs/notebooks.py` writes this page.
+This page shows three scripts that you can run and change. Editors that support `# %%` cells (VS Code,
+Spyder, PyCharm) run the scripts cell by cell; `jupytext --to ipynb` converts them to notebooks.
+`python docs/notebooks.py` generates this page.
 """
 _TAIL = """## More examples
 
 | file | contents |
 |---|---|
 | `examples/own_law.py` | your own bladder law, identified from readings |
-| `examples/fit_optimistix.py`, `examples/fit_optax.py` | the same fit with optimistix and with optax |
+| `examples/fit_optimistix.py`, `examples/fit_optax.py` | the same fit with optimistix and optax |
 | `examples/nuts_blackjax.py` | the posterior, sampled by NUTS |
 | `examples/mujoco_joint.py` | an antagonistic joint in MuJoCo |
-| `examples/engines.py` | one comparison of models, run in one process, in several and on a cluster |
+| `examples/engines.py` | one comparison of models, run in one or several processes or on a cluster |
 """
 
 
 def cells(script: str) -> list[tuple[bool, str]]:
-    """Return the cells of a script with `# %%` lines: whether each is text, and its lines."""
+    """Split a script at its `# %%` lines; return for each cell whether it is text, and its lines."""
     kinds_and_bodies = re.split(r"^# %%(.*)\n", script, flags=re.MULTILINE)[1:]
     pairs = zip(kinds_and_bodies[::2], kinds_and_bodies[1::2], strict=True)
     return [("markdown" in kind, body.strip("\n")) for kind, body in pairs]

@@ -1,7 +1,7 @@
-"""Write the pages `comparison.md` and `reproduction.md` from the output of the commands.
+"""Write the pages `comparison.md` and `reproduction.md` from the output of famjax commands.
 
-python docs/tables.py               # write both into docs
-python docs/tables.py FOLDER        # write them elsewhere
+python docs/tables.py               # write both pages to docs
+python docs/tables.py FOLDER        # write both pages to FOLDER
 """
 
 import json
@@ -18,23 +18,23 @@ MAPS = ("DMSP-20-300", "DMSP-10-250")
 COMPARE = "famjax compare {} --json"
 REPRODUCE = "famjax reproduce --json"
 _NONE = "-"
-_WRITTEN = "`python docs/tables.py` writes this page from the output of"
+_WRITTEN = "`python docs/tables.py` generates this page from the output of:"
 _COMPARED = (
-    "Published static force models, and famjax's own, fitted to one force map. "
-    "Each is fitted to all loaded readings. Cross-validation then leaves out each pressure "
-    "and each length in turn and predicts it. Judge a model by its held-out errors: with many"
-    " parameters, the in-sample error is always small."
+    "These tables compare published static force models with famjax's own models. Each model is fitted "
+    "to all loaded readings in one force map. Cross-validation then leaves out each pressure and each "
+    "length in turn, and predicts the readings that were left out. Judge a model by its held-out errors: "
+    "with many parameters, the in-sample error is always small."
 )
 _ERRORS_ARE = (
-    "Errors are RMSE in N. *Pressures out* and *lengths out* are held-out errors. *Inner lengths "
-    "out* excludes the shortest and the longest length, which are extrapolated. A dash (`-`) means that "
-    "the model cannot be fitted, or that the other readings do not determine its prediction. A star "
-    "means that a parameter is at a bound of its search."
+    "All errors are RMSE in N. *Pressures out* and *lengths out* are held-out errors. *Inner lengths "
+    "out* excludes the shortest and longest lengths, which are extrapolated. A dash (`-`) means that "
+    "the model cannot be fitted, or that the other readings do not determine its prediction. An asterisk "
+    "(`*`) means that a parameter is at a bound of its search range."
 )
 _REPRODUCED = (
-    "Chambers 2021, chapters 2, 4, 5 and 6, computed from the inputs printed in the work. "
-    "Nothing is tuned to match a figure. The table marks every figure that differs by more than "
-    "its tolerance."
+    "This page compares the numbers printed in Chambers 2021, mainly in chapters 2, 4, 5 and 6, with "
+    "values computed from the inputs that are printed there. Nothing is tuned to match a printed "
+    "figure. The table marks every figure that differs by more than its tolerance."
 )
 
 
@@ -42,14 +42,14 @@ def comparison(found: dict[str, dict[str, Any]]) -> str:
     """Return the page with the comparison tables.
 
     Args:
-        found: output of `famjax compare --json`, by the name of the map.
+        found: output of `famjax compare --json`, keyed by the name of the map.
     """
     commands = _fence(COMPARE.format(name) for name in found)
     parts = ["# Comparison of models", _COMPARED, _WRITTEN, commands, _ERRORS_ARE]
     for name, table in found.items():
         parts.append(f"## {name}")
         parts.append(
-            f"Largest force {table['max_force_N']:.5g} N, {table['n_loaded']} loaded readings."
+            f"The largest force is {table['max_force_N']:.5g} N; {table['n_loaded']} readings are loaded."
         )
         rows = [
             (
@@ -73,7 +73,7 @@ _ERRORS = {
 
 
 def reproduction(rows: list[dict[str, Any]]) -> str:
-    """Return the page with the reference work's figures.
+    """Return the page that compares the reference work's printed figures with computed ones.
 
     Args:
         rows: output of `famjax reproduce --json`.
@@ -84,7 +84,7 @@ def reproduction(rows: list[dict[str, Any]]) -> str:
     right = len(compared) - len(misprints)
     known = f"**{right - len(out)} of {right}** printed figures agree within their"
     more = (
-        f"{len(misprints)} more are misprints according to other figures in the work; "
+        f"{len(misprints)} more are misprints, as other figures in the work show; "
         f"{len(rows) - len(compared)} computed figures have no printed counterpart."
     )
     parts = [
@@ -92,7 +92,7 @@ def reproduction(rows: list[dict[str, Any]]) -> str:
         _REPRODUCED,
         _WRITTEN,
         _fence([REPRODUCE]),
-        "Without `--json` the command writes a page with all rows and all notes.",
+        "Without `--json`, the command writes a page with all rows and all notes.",
         f"{known} tolerance; {more}",
         "## Out of tolerance",
         _rows(out),

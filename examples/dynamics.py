@@ -1,4 +1,4 @@
-"""Simulate a bundled muscle lifting 20 kg, and differentiate the lift with respect to the valve's lag.
+"""Simulate a bundled muscle that lifts 20 kg, and differentiate the lift with respect to the valve lag.
 
 python examples/dynamics.py           # print the lift, and write dynamics.svg
 """
@@ -29,7 +29,7 @@ if __name__ == "__main__":
     from matplotlib.figure import Figure
 
     height, slope = jax.value_and_grad(lift)(0.012)
-    print(f"lift {1e3 * height:.1f} mm; {1e3 * slope:.0f} mm per second of valve lag")
+    print(f"lift {1e3 * height:.1f} mm; changes by {1e3 * slope:.0f} mm per second of valve lag")
     found, time, figure = states(0.012), TICK * np.arange(1, 1001), Figure(layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True)
     upper.plot(time, found.pressure / 1e3)

@@ -1,4 +1,4 @@
-"""Run one comparison on every installed executor; the results are identical."""
+"""Run the same comparison on every installed executor, and check that the results are identical."""
 
 import multiprocessing
 import tempfile

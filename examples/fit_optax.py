@@ -1,4 +1,4 @@
-"""Fit a muscle with optax (L-BFGS) through its public parameters, within their bounds."""
+"""Fit the public parameters of a muscle with optax (L-BFGS), within their bounds."""
 
 import jax
 import jax.numpy as jnp

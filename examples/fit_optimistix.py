@@ -1,4 +1,4 @@
-"""Fit a muscle with optimistix through its public parameters, within their bounds."""
+"""Fit the public parameters of a muscle with optimistix, within their bounds."""
 
 import jax
 import jax.numpy as jnp

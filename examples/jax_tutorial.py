@@ -21,7 +21,7 @@ print(f"force at 270 mm and 5 bar: {muscle.force(0.27, 5e5):.1f} N")
 
 # %% [markdown]
 # `with_parameters` makes the force a function of all parameters of the muscle, so `grad` returns all
-# sensitivities at once. Equilibria can also be differentiated, by the implicit function theorem.
+# sensitivities at once. Equilibria can also be differentiated, with the implicit function theorem.
 
 # %%
 numbers = muscle.parameters()
@@ -31,8 +31,8 @@ for name, slope in slopes.items():
 print(f"free contraction grows by {1e5 * jax.grad(muscle.free_contraction)(5e5):.4f} per bar")
 
 # %% [markdown]
-# To compute a batch of bladder laws, `vmap` over the coefficients. With `throw=False` the result is nan
-# where a muscle has no equilibrium, so one member does not stop the batch.
+# To compute a batch of bladder laws, apply `vmap` to the coefficients. With `throw=False`, the result is
+# nan if a muscle has no equilibrium, so one such muscle does not stop the batch.
 
 
 # %%
@@ -45,11 +45,12 @@ def blocked_and_free(coefficients):
 
 stiffness = jnp.linspace(0.5, 1.5, 101)
 blocked, free = blocked_and_free(stiffness[:, None] * E)
-print(f"101 laws: {free[0]:.3f} to {free[-1]:.3f} free contraction")
+print(f"101 laws: free contraction {free[0]:.3f} to {free[-1]:.3f}")
 
 # %% [markdown]
-# To define your own law, write a class with a strain energy. The stresses are computed by
-# differentiation. The law can be used in any equilibrium, fit or card: `famjax fit --law my_module:Fung`.
+# To define your own law, write a class with a method that returns the strain energy. famjax computes the
+# stresses by differentiation. The law can be used in any equilibrium, card or fit, for example with
+# `famjax fit --law my_module:Fung`.
 
 
 # %%
@@ -60,7 +61,7 @@ class Fung(famjax.materials.AbstractHyperelastic):
     stiffening: Float[Array, ""] = famjax.parameter(low=0.01, high=5.0)
 
     def energy(self, axial_stretch, hoop_stretch):
-        """W [J/m3]."""
+        """Return the strain energy per volume, W [J/m3]."""
         excess = axial_stretch**2 + hoop_stretch**2 + (axial_stretch * hoop_stretch) ** -2 - 3
         return self.shear_modulus * jnp.expm1(self.stiffening * excess) / (2 * self.stiffening)
 
@@ -68,7 +69,7 @@ class Fung(famjax.materials.AbstractHyperelastic):
 
 
 own = famjax.Muscle(shape, Fung(1.2e6, 0.5), 40e3)
-print(f"own law: {own.force(0.27, 5e5):.1f} N, free contraction {own.free_contraction(5e5):.3f}")
+print(f"Fung's law: {own.force(0.27, 5e5):.1f} N, free contraction {own.free_contraction(5e5):.3f}")
 
 # %%
 figure = Figure(figsize=(9, 3.2), layout="constrained")

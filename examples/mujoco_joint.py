@@ -35,4 +35,4 @@ def settled(extra: float) -> float:
 
 
 held, gravity = settled(0.0), data.qfrc_bias[0] * np.tan(angle)  # gravity reduces the stiffness
-print(f"held at {held:.6f} rad; pushed {push / (settled(push) - held) + gravity:.2f} N m/rad")
+print(f"held at {held:.6f} rad; stiffness {push / (settled(push) - held) + gravity:.2f} N m/rad")

@@ -1,4 +1,4 @@
-"""Sample the posterior of a muscle with NUTS (blackjax) through its public parameters, within bounds."""
+"""Sample the posterior of a muscle's public parameters with NUTS (blackjax), within their bounds."""
 
 import blackjax
 import jax

@@ -1,4 +1,4 @@
-"""Define Gent's bladder law, which stiffens towards a limit, and identify it.
+"""Define Gent's bladder law, which stiffens towards a stretch limit, and fit it to a bundled map.
 
 python examples/own_law.py            # or, in this folder: famjax fit --law own_law:Gent
 """
@@ -13,13 +13,13 @@ jax.config.update("jax_enable_x64", True)
 
 
 class Gent(famjax.materials.AbstractHyperelastic):
-    """W = -mu/2 J ln(1 - (I1 - 3)/J); mu is a linear parameter, J is bounded."""
+    """W = -mu/2 J ln(1 - (I1 - 3)/J), where mu is a linear parameter and J is bounded."""
 
     shear_modulus: Float[Array, ""] = famjax.parameter("Pa", kind="stress", low=0.0, linear=True)
     stretch_limit: Float[Array, ""] = famjax.parameter(low=2.0, high=30.0)
 
     def energy(self, axial_stretch, hoop_stretch):
-        """W [J/m3]."""
+        """Return the strain energy per volume, W [J/m3]."""
         excess = axial_stretch**2 + hoop_stretch**2 + (axial_stretch * hoop_stretch) ** -2 - 3
         return (
             -self.shear_modulus * self.stretch_limit / 2 * jnp.log1p(-excess / self.stretch_limit)

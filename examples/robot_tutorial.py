@@ -2,9 +2,9 @@
 
 # %% [markdown]
 # ## Robot: from a muscle card to MuJoCo and C
-# A card is a file that describes a muscle. famjax includes two, and `famjax card` writes one from a
-# fit. `card.safe()` is the muscle for simulators: it never pushes, and its force is finite at any
-# length.
+# A card is a file that describes a muscle. famjax includes two cards, and `famjax card` writes a card
+# from a fit. `card.safe()` returns a muscle for use in simulators: it never pushes, and its force is
+# finite at any length.
 
 # %%
 import sys
@@ -23,8 +23,8 @@ print(card)
 print("forces at 4 bar:", *(f"{muscle.force(L, 4e5):.0f} N" for L in (0.30, 0.27, 0.24, 0.10)))
 
 # %% [markdown]
-# The inverse map returns the pressure for a force. If the force cannot be reached, the result is the
-# nearest pressure and a code, so a batch never fails.
+# `pressure_for_force` returns the pressure that produces a force. If the force cannot be reached, it
+# returns the nearest pressure and a code, so a batch never fails.
 
 # %%
 found = pressure_for_force(card.muscle, jnp.array([200.0, 500.0, 5000.0]), 0.28, (0.0, 6e5))
@@ -32,8 +32,9 @@ for pressure, word in zip(found.pressure, Outcome.words(found.code), strict=True
     print(f"{pressure / 1e3:.1f} kPa, {word}")
 
 # %% [markdown]
-# A load hangs at the length where the muscle's force equals its weight. This equilibrium can be
-# differentiated: one program computes length and lift per bar for all pressures.
+# A hanging load comes to rest at the length where the muscle's force equals its weight. This
+# equilibrium can be differentiated, so one program computes the length, and the lift per bar, for all
+# pressures.
 
 # %%
 pressures = jnp.linspace(1e5, 6e5, 26)
@@ -43,7 +44,7 @@ print(f"200 N at 5 bar: {1e3 * lengths[20]:.1f} mm, lifted {-1e8 * slopes[20]:.2
 
 # %% [markdown]
 # Export the muscle. `robot.c` needs no library. The XML file for MuJoCo models a load that hangs from
-# the muscle; `install` connects the muscle to the actuator, whose control is the pressure in Pa.
+# the muscle. `install` connects the muscle to the actuator, whose control input is the pressure in Pa.
 
 # %%
 subject = famjax.export.Subject("robot", muscle, card)

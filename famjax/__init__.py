@@ -1,7 +1,7 @@
-"""Fluidic artificial muscles as pure JAX functions: geometry, strain, stress, force, design.
+"""Models of fluidic artificial muscles as pure JAX functions: geometry, stress, force and design.
 
-Values are in SI units unless the caller uses another consistent set. The library never changes JAX's
-configuration; float64 is the caller's choice (`jax.config.update("jax_enable_x64", True)`).
+Values are in SI units unless the caller uses another consistent system of units. The library never
+changes JAX's configuration. To compute in float64, call `jax.config.update("jax_enable_x64", True)`.
 Start with `Muscle`, which combines a geometry (`famjax.geometries`) with force terms
 (`famjax.terms`) or a bladder law (`famjax.materials`). `famjax.peers` contains models published by
 other authors.

@@ -1,4 +1,4 @@
-"""Run the command `famjax` as `python -m famjax`."""
+"""Entry point for `python -m famjax`, which runs the command `famjax`."""
 
 from .app.cli import main
 

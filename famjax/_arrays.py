@@ -19,7 +19,7 @@ else:
     Given: TypeAlias = Array
 
 Real: TypeAlias = Num[Array | np.ndarray | np.number | float | int, "..."]
-"""A real number or array of any shape; arguments of one function broadcast against each other."""
+"""A real number or an array of any shape; the arguments of a function broadcast against each other."""
 
 RealArray: TypeAlias = Float[Array, "..."]
 """A floating-point JAX array whose shape is the broadcast shape of the arguments."""
@@ -28,16 +28,16 @@ _NOTHING = np.zeros(())
 
 
 def as_real(values: ArrayLike | Sequence[Any]) -> RealArray:
-    """Convert values or nested lists to a floating array; integers are promoted, float32 stays float32."""
+    """Convert values or nested lists to a floating-point array; integers become floats, float32 is kept."""
     array = jnp.asarray(values)
     return array if jnp.issubdtype(array.dtype, jnp.floating) else array.astype(float)
 
 
 def as_number(values: ArrayLike | Sequence[Any]) -> RealArray:
-    """Like `as_real`, but for stored values: a Python float gets JAX's default precision.
+    """Convert values as `as_real` does, but for storage: a Python float gets JAX's default precision.
 
-    With weak types, a muscle made of Python floats and the same muscle read from a file would be compiled
-    separately. Within a trace, values keep the weak type.
+    If stored values kept JAX's weak type, a muscle created from Python floats and the same muscle read
+    from a file would be compiled separately. Inside a trace, values keep the weak type.
     """
     if in_trace():
         return as_real(values)
@@ -50,7 +50,7 @@ def as_number(values: ArrayLike | Sequence[Any]) -> RealArray:
 
 
 def in_trace() -> bool:
-    """Return True while JAX is tracing, for example inside `jax.jit`. Nothing is compiled."""
+    """Return True while JAX is tracing, for example inside `jax.jit`. The check compiles nothing."""
     return isinstance(jax.device_put(_NOTHING), Tracer)
 
 
@@ -78,14 +78,14 @@ def promoting(function: Callable[_P, _T]) -> Callable[_P, _T]:
 
 
 def compiled_method(method: _Method, jit: Callable[..., Any] = compiled) -> _Method:
-    """Compile a module's method whose arguments are numbers or arrays.
+    """Compile a method of an `equinox.Module` whose arguments are numbers or arrays.
 
-    Otherwise, the first call outside `jax.jit` would compile a program for every operation, which takes
-    up to four times as long.
+    Without this decorator, the first call outside `jax.jit` would compile a separate program for every
+    operation, which takes up to four times as long.
 
     Args:
         method: method of an `equinox.Module`.
-        jit: `compiled`, or `famjax.compile_options.quick_jit`.
+        jit: function that compiles the method, `compiled` or `famjax.compile_options.quick_jit`.
     """
     whole = jit(method)
 
@@ -98,16 +98,16 @@ def compiled_method(method: _Method, jit: Callable[..., Any] = compiled) -> _Met
 
 
 def at_each(function: Callable[..., _T], *arguments: RealArray) -> _T:
-    """Apply a function of scalars to every element of arguments whose shapes broadcast.
+    """Apply a function of scalars to every element of the broadcast arguments.
 
     Scalar arguments are passed directly, because a batch of one takes twice as long to compile.
 
     Args:
-        function: takes one scalar for each argument; returns an array or a pytree of arrays.
-        *arguments: arrays of any shapes that broadcast.
+        function: function that takes one scalar per argument and returns an array or a pytree of arrays.
+        *arguments: arrays whose shapes broadcast.
 
     Returns:
-        The results, with the broadcast shape as leading axes of every array.
+        The results; the leading axes of every array have the broadcast shape.
     """
     arrays = jnp.broadcast_arrays(*arguments)
     shape = arrays[0].shape
@@ -125,15 +125,15 @@ def of_each(
 ) -> RealArray:
     """Apply a function to several models, each with its own arguments.
 
-    Models with the same structure are stacked and mapped, so the function is compiled once.
+    Models with the same structure are stacked and mapped, so the function is compiled only once.
 
     Args:
-        function: takes a model and its arguments.
+        function: function of a model and of the arguments for that model.
         models: equinox modules.
-        *arguments: one sequence per argument, with one entry per model; its entries have the same shape.
+        *arguments: one sequence per argument, with one entry per model; all entries have the same shape.
 
     Returns:
-        Array whose leading axis runs over the models.
+        An array whose leading axis runs over the models.
     """
     kinds = [
         jax.tree.map(lambda x: (x.shape, str(x.dtype)) if eqx.is_array(x) else x, one)
@@ -149,10 +149,10 @@ def of_each(
 
 
 def over_slope(linear: Callable[[RealArray], RealArray], value: RealArray) -> RealArray:
-    """Return the x at which a linear scalar function equals a value, as `tangent_solve` of `custom_root`.
+    """Return the x at which a linear scalar function equals a value, for use as `tangent_solve`.
 
-    If the slope is zero or not finite, there is no root. The value itself is then returned, so that this
-    member of a batch does not affect the derivatives of the others.
+    If the slope is zero or not finite, there is no such x. The function then returns the value itself, so
+    that this element of a batch does not affect the derivatives of the others.
     """
     slope = linear(jnp.ones_like(value))
     usable = jnp.isfinite(slope) & (slope != 0)

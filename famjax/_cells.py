@@ -1,4 +1,4 @@
-"""Cells of a table: decode a text file or workbook; find delimiter, decimal sign and column names."""
+"""Split a text file or workbook into cells; find its delimiter, decimal sign and column names."""
 
 import codecs
 import csv
@@ -25,12 +25,12 @@ MOST_BYTES = 500e6  # limit of a file, and of an unpacked workbook
 _MOST_CELLS = 20e6  # limit of a sheet
 _SAMPLE = 2000  # number of lines from which delimiter and decimal sign are determined
 NEAREST = 6
-"""Number of rows searched for names above the numbers, and of rows of numbers checked in a column."""
+"""Number of rows searched for names above the numbers, and of first readings checked in a column."""
 DAMAGED = (
     ValueError, TypeError, LookupError, AttributeError, ArithmeticError, OSError, EOFError, SyntaxError,
     RuntimeError, MemoryError, zipfile.BadZipFile, zlib.error,
 )  # fmt: skip
-"""Errors that a reader may raise on a damaged workbook."""
+"""Exceptions that may be raised while a damaged workbook is read."""
 _GROUPS = {
     ".": re.compile(r"[+-]?[1-9]\d{0,2}(?:[, ']\d{3})+(?:\.\d*)?"),
     ",": re.compile(r"[+-]?[1-9]\d{0,2}(?:[. ']\d{3})+(?:,\d*)?"),
@@ -62,11 +62,11 @@ def read_bytes(source: Any) -> bytes:
 
 
 def decoded_text(data: bytes) -> str:
-    """Decode a file as UTF-16, with or without byte order mark, UTF-8 or cp1252."""
+    """Decode a file in UTF-8, in cp1252, or in UTF-16 with or without a byte order mark."""
     head = data[:200].lstrip(b"\xef\xbb\xbf \r\n\t").lower()
     if head.startswith((b"\xd0\xcf\x11\xe0", b"<?xml", b"<!doctype", b"<html", b"<table")):
         raise InputError(
-            "this is an old workbook, XML or HTML, not a text file: save it as .xlsx or CSV"
+            "this is an .xls workbook, XML or HTML, not a text file: save it as .xlsx or CSV"
         )
     encodings = ["utf-8-sig", "cp1252"]
     if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
@@ -82,14 +82,14 @@ def decoded_text(data: bytes) -> str:
             continue
         if "\0" not in text:
             return text.removeprefix("\ufeff")
-    raise InputError("this is not a text file in UTF-8, UTF-16 or cp1252: export it as text")
+    raise InputError("this is not a text file in UTF-8, UTF-16 or cp1252: export the table as text")
 
 
 def check_workbook(data: bytes) -> None:
     """Reject a workbook that is too large when unpacked, has too large a sheet, or defines XML entities.
 
-    Python reads no more of a part than the size stated in the archive. No part of a genuine workbook has
-    a document type.
+    The sizes stated in the archive can be trusted, because Python never unpacks more than the stated size.
+    A genuine workbook never contains a document type declaration.
     """
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         if (size := sum(part.file_size for part in archive.infolist())) > MOST_BYTES:
@@ -101,7 +101,7 @@ def check_workbook(data: bytes) -> None:
             content = archive.read(part).replace(b"\0", b"")
             if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
                 raise InputError(
-                    "the workbook defines XML entities, which no spreadsheet does: save it as CSV"
+                    "the workbook defines XML entities, as no spreadsheet program does: save it as CSV"
                 )
             places = re.findall(rb'<(?:\w+:)?c\s[^>]*?r="([A-Z]+)(\d+)"', content)
             width, rows = (max(map(f, places), default=0) for f in (_width, lambda at: int(at[1])))
@@ -127,11 +127,11 @@ class Sheet:
     """A table split into cells.
 
     Attributes:
-        rows: line number (from 1) and cells of every row, from the first reading on.
-        names, below, beside: for each column, its name, its unit from a row of units, and other words
-            above or below the name; "" if missing.
+        rows: line number (counted from 1) and cells of every row, starting with the first reading.
+        names, below, beside: for each column, its name, its unit from a separate row of units, and other
+            words above or below the name; "" if missing.
         decimal: decimal sign, "." or ",".
-        grouped: True if thousands may be grouped, because some numbers are.
+        grouped: True if numbers may contain thousands separators, because some of them do.
         comments: lines that begin with #.
     """
 
@@ -153,7 +153,7 @@ def split_text(text: str, asked: Asked) -> Sheet:
     body = [(n, one) for n, one in held if not one.lstrip(' "').startswith("#")]
     if not body:
         raise InputError(
-            "the file is empty; it needs column names such as pressure_kPa,length_mm,force_N"
+            "the file is empty: it needs column names, such as pressure_kPa,length_mm,force_N"
         )
     found: list[tuple[tuple[float, ...], str]] = []
     for rank, delimiter in enumerate([stated[1]] if stated else "\t;,| "):
@@ -167,9 +167,9 @@ def split_text(text: str, asked: Asked) -> Sheet:
             found.append(((known, share, width, -rank), delimiter))
     if not found:
         raise InputError(
-            "the file has a header but no readings, or no block of numbers: it needs at least "
-            f"{asked.fewest} row(s) of two or more numbers, separated by tabs, semicolons, commas, bars or "
-            "blanks"
+            "the file contains no readings or no block of numbers: it needs at least "
+            f"{asked.fewest} row(s) of two or more numbers, separated by tabs, semicolons, commas, "
+            "vertical bars or spaces"
         )
     delimiter = max(found)[1]
     plain = '"' not in text if delimiter == "," else "," not in text
@@ -185,10 +185,10 @@ def sheet_of(
     *,
     plain: bool = False,
 ) -> Sheet:
-    """Find the numbers in these rows, the names above them and the decimal sign."""
+    """Find the block of numbers in these rows, the column names above it and the decimal sign."""
     first, width = _block([row for _, row in rows[:_SAMPLE]], asked.fewest)
     if not width:
-        raise InputError("no block of numbers")
+        raise InputError("there is no block of numbers")
     names, below, beside, first = _header(rows, first, width, comments)
     body = rows[first:]
     named = sum(not re.fullmatch(r"column \d+", name) for name in names)
@@ -196,8 +196,9 @@ def sheet_of(
     for line, row in body if delimiter == "," and named else ():
         if len(row) > named and all(map(looks_number, row)):
             raise InputError(
-                f"line {line} has {len(row)} numbers under {named} names: the extra commas may be decimal "
-                "or thousands separators. Export with semicolons between the columns, or name every column"
+                f"line {line} has {len(row)} numbers, but the header has {named} names: the extra commas "
+                "may be decimal or thousands separators. Export the table with semicolons between the "
+                "columns, or name every column"
             )
     sign, grouped = _decimal(inside, asked.columns.get("decimal"), delimiter)
     return Sheet(body, names, below, beside, sign, grouped, comments)
@@ -212,7 +213,7 @@ def _cells(line: str, delimiter: str) -> tuple[str, ...]:
 
 
 def trimmed_cells(cells: tuple[str, ...]) -> tuple[str, ...]:
-    """Remove empty cells after the last column."""
+    """Remove empty cells at the end of a row."""
     while cells and not cells[-1]:
         cells = cells[:-1]
     return cells
@@ -233,7 +234,7 @@ def looks_number(cell: str) -> bool:
 
 
 def _block(rows: Sequence[tuple[str, ...]], fewest: int) -> tuple[int, int]:
-    """Return the first row of the block of numbers, and its width; zeros if there is none."""
+    """Return the first row and the width of the block of numbers; zeros if there is none."""
     looks = [sum(map(looks_number, row)) for row in rows]
     widths = [
         len(row) if n >= 2 and 2 * n >= sum(map(bool, row)) else 0
@@ -255,9 +256,9 @@ def _block(rows: Sequence[tuple[str, ...]], fewest: int) -> tuple[int, int]:
 def _header(
     rows: list[tuple[int, tuple[str, ...]]], first: int, width: int, comments: tuple[str, ...]
 ) -> tuple[list[str], list[str], list[str], int]:
-    """Return names, units from a row of units, other words, and the first row of numbers.
+    """Return column names, units from a separate row, other words, and the first row of numbers.
 
-    The numbers begin after the names, even if the first rows are incomplete.
+    The numbers begin directly below the names, even if their first rows are incomplete.
     """
     looks = [sum(map(looks_number, row)) for _, row in rows[:first]]
     above = [list(row) for _, row in rows[:first]][: -NEAREST - 1 : -1]
@@ -310,7 +311,7 @@ def _header(
 def _decimal(
     rows: Sequence[tuple[str, ...]], given: str | None, delimiter: str
 ) -> tuple[str, bool]:
-    """Return the decimal sign and whether thousands are grouped; raise an error if ambiguous."""
+    """Return the decimal sign, and True if thousands are grouped; reject an ambiguous sign."""
     if given is not None:
         if given not in {".", ","}:
             raise InputError(f"--column decimal={given}: the decimal sign must be . or ,")
@@ -340,7 +341,7 @@ def _decimal(
     if not certain and ("," in doubtful or (doubtful and delimiter == ";")):
         cell = doubtful.get(",") or doubtful["."]
         raise InputError(
-            f"{cell!r} may be {cell.replace(',', '.')} or {re.sub('[.,]', '', cell)}: {remedy}"
+            f"{cell!r} may mean {cell.replace(',', '.')} or {re.sub('[.,]', '', cell)}: {remedy}"
         )
     return ("," if "," in certain else "."), grouped or "," in doubtful
 

@@ -1,4 +1,4 @@
-"""Interpret column names: quantity, unit, or other meaning. The vocabulary is in data/tables.toml."""
+"""Interpret column names: quantity, unit or other meaning. The vocabulary is in data/tables.toml."""
 
 import functools
 import importlib.resources
@@ -52,15 +52,15 @@ class Column(NamedTuple):
     Attributes:
         name: name in the table.
         title: name without the unit.
-        unit: unit as written, "" if there is none.
-        quantity: measured quantity, a key of `KINDS` with or without the suffix `_std`; None if none.
-        reason: other meaning of the column, if it is not a measurement of the muscle; else "".
-        plain: True if every word is known and the name is not a formula.
+        unit: unit as written in the table, "" if there is none.
+        quantity: measured quantity, a key of `KINDS` with or without the suffix `_std`; None if unknown.
+        reason: what the column contains if it is not a measurement of the muscle; otherwise "".
+        plain: True if every word in the name is known and the name is not a formula.
         absolute: True for absolute pressure, False for gauge pressure, None if unspecified.
-        place: column index, from 0.
-        size: factor that converts to SI.
-        named: True if the user assigned the column.
-        first: value of the first reading, in the unit as written.
+        place: column index, counted from 0.
+        size: factor that converts the unit to SI.
+        named: True if the user assigned the column to its quantity.
+        first: value of the first reading, in the column's unit.
     """
 
     name: str
@@ -80,12 +80,12 @@ class Column(NamedTuple):
 
 
 def shortened(text: str) -> str:
-    """Quote text for a message, truncated if it is long."""
+    """Quote text for use in a message; truncate it if it is long."""
     return repr(text if len(text) <= _LONGEST else text[:_LONGEST] + "...")
 
 
 def kind_of(quantity: str) -> str:
-    """Return a quantity's kind of unit."""
+    """Return the kind of unit in which a quantity is measured."""
     return KINDS[quantity.removesuffix("_std")]
 
 
@@ -143,7 +143,7 @@ def _parts(word: str) -> tuple[str, ...]:
 
 
 def _strange(text: str) -> bool:
-    """Return True if no word in the text is known: the text may be an unknown unit."""
+    """Return True if the text contains no known word, so that it may be an unknown unit."""
     return not any(word in _KNOWN or word in _HEADS for word in tokens_of(text))
 
 
@@ -170,7 +170,7 @@ def split_unit(text: str) -> tuple[str, str]:
 
 
 def joined_mode(text: str) -> str:
-    """Attach a separate `(a)` or `g` to its pressure unit."""
+    """Attach a separate `(a)` or `g`, for absolute or gauge pressure, to the pressure unit."""
     return _MODE_BESIDE.sub(lambda m: f"{m[1]}{m[2] or m[3]}", unicodedata.normalize("NFKC", text))
 
 

@@ -1,15 +1,16 @@
-"""Equilibrium of bladder, pressure and threads: modes, local densities and guarded Newton steps.
+"""Solve the equilibrium of bladder, pressure and threads with radial modes and guarded Newton steps.
 
-At the material coordinate Z, a muscle has radius r, slope s = r', axial force F and the radial
-component p of its meridional force. The shape is the stationary point of the integral over Z of
+At the material coordinate Z, r is the radius of the muscle, s = r' is the slope, F is the axial force
+and p is the radial component of the meridional force. The equilibrium shape is the stationary point of
+the integral over Z of
 
     G = p s - mu sqrt(m^2 + p^2) + W,    m = P pi r^2 + F,    mu^2 = (B (1 + e))^2 - (2 pi N r)^2
 
 where W is the strain energy of bladder and threads per unit Z, and e is the strain of the threads.
-Eliminating p gives the energy, G = W - m z' with z'^2 = mu^2 - s^2. Keeping p avoids a singularity at
-steep shoulders. r is a sum of modes. p and e are unknowns at the quadrature stations, where they are
-eliminated one by one. F is the Lagrange multiplier of the length, the integral of
-z' = mu m / sqrt(m^2 + p^2).
+Eliminating p yields the energy, G = W - m z' with z'^2 = mu^2 - s^2. Keeping p as an unknown avoids a
+singularity at steep shoulders. The radius r is a sum of modes. The unknowns p and e are defined at the
+quadrature stations and are eliminated at each station. F is the Lagrange multiplier of the constraint
+on the length, which is the integral of z' = mu m / sqrt(m^2 + p^2).
 """
 
 import dataclasses
@@ -37,10 +38,10 @@ _STIFF = 1e6  # penalty of a reduced Hessian on a change of the length
 
 
 class Rule(NamedTuple):
-    """Stations in one section, and the modes of the radius at these stations.
+    """Quadrature stations in one section, and the modes of the radius at these stations.
 
     Attributes:
-        x: stations in the section, 0 to 1, shape (stations,).
+        x: positions of the stations in the section, 0 to 1, shape (stations,).
         weights: quadrature weights in Z, shape (stations,).
         values, slopes: value of every mode and its derivative with respect to Z, shape (stations, modes).
             The first modes are hat functions, one for each section boundary, including both fittings.
@@ -61,7 +62,7 @@ class Rule(NamedTuple):
 
 @functools.cache
 def rules(shares: tuple[float, ...], order: int) -> tuple[Rule, ...]:
-    """Return the rule for each section, with integrated Legendre polynomials up to a given order."""
+    """Return the rule for each section; its modes are integrated Legendre polynomials up to an order."""
     nodes, weights = np.polynomial.legendre.leggauss(3 * order // 2 + 4)
     return tuple(
         Rule((1 + nodes) / 2, weights * share / 2, *modes(shares, order, i, nodes))
@@ -99,7 +100,7 @@ class Part(eqx.Module):
         return self.braid.threads_tension(0.0) is not None
 
     def place(self, radius: RealArray, stretch: RealArray) -> tuple[RealArray, ...]:
-        """Return the meridian per unit Z [m], its square [m2], and the bladder's outer radius [m]."""
+        """Return the meridian length per unit Z [m], its square [m2] and the bladder's outer radius [m]."""
         around = 2 * jnp.pi * self.braid.turns * radius
         thread = self.braid.rest_thread_length * (1 + stretch)
         squared = (thread - around) * (thread + around)
@@ -112,7 +113,7 @@ class Part(eqx.Module):
         return self.bladder.axial_strain(meridian), self.bladder.hoop_strain(meridian, outer)
 
     def resistances(self, strains: Float[Array, "3"], pressure: RealArray) -> Float[Array, "3"]:
-        """Return the energy per unit Z and strain [J] for the axial, hoop and thread strains."""
+        """Return the derivatives of W [J] with respect to the axial, hoop and thread strains."""
         axial, hoop, stretch = strains
         stress = self.material.stresses(axial, hoop, pressure)
         volume, tension = self.bladder.volume, self.braid.threads_tension(stretch)
@@ -124,19 +125,19 @@ class Part(eqx.Module):
         ])  # fmt: skip
 
     def tapered(self, other: Bladder | None, x: np.ndarray) -> "Part":
-        """Return the section at stations from 0 to 1, with a bladder that tapers linearly to another."""
+        """Return the section at stations x from 0 to 1; its bladder tapers linearly to another bladder."""
         far = self.bladder if other is None else other
         bladder = jax.tree.map(lambda a, b: a + (b - a) * x.astype(a.dtype), self.bladder, far)
         return Part(self.braid, bladder, self.material)
 
 
 def full(state: RealArray) -> RealArray:
-    """Return radius, slope, axial force, radial force p and stretch e of a state; e is 0 if missing."""
+    """Return a state as radius, slope, axial force, radial force p and strain e; a missing e is 0."""
     return state if state.shape[-1] == 5 else jnp.concatenate([state, jnp.zeros_like(state[:1])])
 
 
 def _lagrangian(state: RealArray, held: RealArray, part: Part, pressure: RealArray) -> RealArray:
-    """Return G with W linearised, for given derivatives of W with respect to the strains."""
+    """Return G with W linearised in the strains; `held` contains the derivatives of W."""
     radius, slope, force, across, stretch = full(state)
     along = pressure * jnp.pi * radius**2 + force
     meridian, *_ = part.place(radius, stretch)
@@ -165,7 +166,7 @@ def _hessian(
 def _room(
     state: RealArray, part: Part, pressure: RealArray
 ) -> tuple[Float[Array, "3"], Bool[Array, ""]]:
-    """Return r, m and mu^2, which must stay > 0, and whether bore and stresses exist."""
+    """Return r, m and mu^2, which must stay > 0, and True if the bore is open and stresses are finite."""
     radius, _, force, _, stretch = full(state)
     meridian, squared, outer = part.place(radius, stretch)
     fits = part.bladder.fits(meridian, outer)
@@ -175,23 +176,23 @@ def _room(
 
 
 Unknowns = tuple[Float[Array, " _"], tuple[Float[Array, "_ _"], ...]]
-"""Modes of the radius and the axial force, of order one; p and e at the stations in each section."""
+"""Amplitudes of the modes and axial force, scaled to order one; p and e at each section's stations."""
 
 
 class Balance(eqx.Module):
-    """Equilibrium equations of a muscle at one length and pressure, with the scales of the unknowns.
+    """Equilibrium equations for a muscle at one length and pressure, and the scales of the unknowns.
 
     Attributes:
-        parts: sections, with the bladder at each of their stations.
+        parts: sections, each with the dimensions of the bladder at its stations.
         ends: radius [m] at both fittings, shape (2,).
-        length: L [m]; a guess if a load is given.
+        length: L [m]; only an initial guess if a load is specified.
         pressure: P [Pa].
-        load: F [N], given instead of the length, or None.
-        force_scale: scale of forces [N], a constant.
+        load: F [N] if it is specified instead of the length; otherwise None.
+        force_scale: scale of forces [N], treated as a constant in derivatives.
         shares: fraction of Z in each section.
         order: degree of the polynomials in each section.
-        symmetric: True if both halves are equal, so that only one is solved.
-        halved: True if the stations are those of the first half of a symmetric muscle.
+        symmetric: True if both halves of the muscle are equal, so that only one is solved.
+        halved: True if the stations cover only the first half of a symmetric muscle.
     """
 
     parts: tuple[Part, ...]
@@ -207,12 +208,12 @@ class Balance(eqx.Module):
 
     @property
     def rules(self) -> tuple[Rule, ...]:
-        """Stations and modes of every section."""
+        """Stations and modes in every section."""
         whole = rules(self.shares, self.order)
         return (whole[0].half(),) if self.halved else whole
 
     def half(self) -> "Balance":
-        """Return the first half of a symmetric muscle."""
+        """Return the equations for the first half of a symmetric muscle."""
         count = self.rules[0].half().x.size
         parts = tuple(
             Part(one.braid, jax.tree.map(lambda leaf: leaf[:count], one.bladder), one.material)
@@ -230,12 +231,12 @@ class Balance(eqx.Module):
 
     @property
     def radius_scale(self) -> RealArray:
-        """Mean radius [m] of the fittings, a constant."""
+        """Mean radius [m] of the fittings, treated as a constant in derivatives."""
         return jax.lax.stop_gradient(jnp.mean(self.ends))
 
     @property
     def energy_scale(self) -> RealArray:
-        """Force times radius [J]."""
+        """Force scale times radius scale [J]."""
         return self.force_scale * self.radius_scale
 
     @property
@@ -252,12 +253,12 @@ class Balance(eqx.Module):
 
     @property
     def scales(self) -> Float[Array, " unknowns"]:
-        """Scales of the modes of the radius [m] and of the axial force [N]."""
+        """Scales of the modes [m] and of the axial force [N]."""
         pull = np.arange(self.free.size + 1) == self.free.size
         return jnp.where(pull, self.force_scale, self.radius_scale)
 
     def columns(self, rule: Rule) -> tuple[np.ndarray, np.ndarray]:
-        """Return the matrices that map end radii and unknowns to radius, slope and force at stations."""
+        """Return the matrices from end radii and unknowns to radius, slope and force at the stations."""
         both = np.stack([rule.values, rule.slopes, np.zeros_like(rule.values)], axis=1)
         free, size = self.free, self.free.size
         linear = np.zeros((rule.x.size, 3, size + 1))
@@ -287,10 +288,10 @@ class Balance(eqx.Module):
         return [at(*pair) for pair in zip(self.parts, self.states(y), strict=True)]
 
     def guess(self) -> Unknowns:
-        """Return a first guess: equally contracted cylinders with rounded ends.
+        """Return a first guess: cylinders with the same contraction and with rounded ends.
 
-        The radius solves -(d r')' d + r = r_cylinder, where d keeps the slope within what the threads
-        allow.
+        The radius solves -(d r')' d + r = r_cylinder, where d is large enough for the threads to follow
+        the slope.
         """
         dtype, scale = self.ends.dtype, self.radius_scale
         rests = [jnp.mean(part.bladder.rest_length) for part in self.parts]
@@ -334,7 +335,7 @@ Matrix = Float[Array, "modes modes"]
 
 
 def residual(y: Unknowns, balance: Balance) -> Unknowns:
-    """Return the residual of the equilibrium, scaled to order one."""
+    """Return the residual of the equilibrium equations, scaled to order one."""
     outer = jnp.zeros_like(y[0]).at[-1].set(balance.length)
     inner = []
     for rule, g in zip(balance.rules, balance.each(_gradient, y), strict=True):
@@ -393,10 +394,10 @@ class Point(eqx.Module):
     Attributes:
         size: size of the last step.
         part: fraction of the Newton step that was taken.
-        aim: axial force after a full step, relative to the balance's force scale.
-        matrix: matrix of the step.
+        aim: axial force after a full step, divided by `Balance.force_scale`.
+        matrix: matrix of the Newton step.
         rooms: distances to the bounds before the step; see `_room`.
-        kept: True if bore and stresses existed before the step.
+        kept: True if the bore was open and the stresses were finite before the step.
         first: the first guess.
     """
 
@@ -412,7 +413,8 @@ class Point(eqx.Module):
 class GuardedNewton(optx.AbstractRootFinder):
     """Newton's method for `residual`, with steps that keep r, m and mu > 0.
 
-    On failure it returns the first guess, at which derivatives are finite; the last point is in `stats`.
+    If it fails, the solver returns the first guess, at which derivatives are finite. The last point is in
+    `stats`.
     """
 
     rtol: float
@@ -466,10 +468,10 @@ class Solved(eqx.Module):
     """Result of the solver.
 
     Attributes:
-        y: the unknowns; the first guess if there is no solution.
-        found: True if there is a solution.
+        y: the unknowns; the first guess if no solution was found.
+        found: True if a solution was found.
         last: unknowns at which the solver stopped.
-        point: state of the solver there, for the first half of a symmetric muscle.
+        point: state of the solver at that point; only the first half of a symmetric muscle is included.
     """
 
     y: Unknowns
@@ -479,7 +481,7 @@ class Solved(eqx.Module):
 
 
 def solve(balance: Balance) -> Solved:
-    """Solve the equilibrium, with derivatives by the implicit function theorem."""
+    """Solve the equilibrium equations; derivatives follow from the implicit function theorem."""
     tolerance = float(jnp.finfo(balance.ends.dtype).eps) ** 0.5
     sought = balance.half() if balance.symmetric else balance
     solution = optx.root_find(

@@ -1,4 +1,4 @@
-"""Convert time stamps to seconds: times of day, minutes or dates, including runs past midnight."""
+"""Convert time stamps (times of day, minutes or dates) to seconds, even if a test runs past midnight."""
 
 import datetime
 import math
@@ -22,7 +22,7 @@ _DATES = ("%Y-%m-%d", "%d-%m-%Y", "%m-%d-%Y", "%d-%b-%Y", "%d-%m-%y", "%m-%d-%y"
 
 
 def clock_seconds(cells: Sequence[str], one: Column) -> np.ndarray:
-    """Convert time stamps to seconds, across midnight and several days; nan for cells without a stamp."""
+    """Convert time stamps to seconds, even across midnight or several days; nan where there is no stamp."""
     stamps = [STAMP.fullmatch(cell) for cell in cells]
     good = [stamp for stamp in stamps if stamp is not None]
     if not good:
@@ -51,10 +51,10 @@ def clock_seconds(cells: Sequence[str], one: Column) -> np.ndarray:
 
 
 def _minutes_first(stamps: Sequence[re.Match[str]], one: Column) -> bool:
-    """Decide whether two-part stamps are minutes and seconds; ambiguous stamps raise an error.
+    """Return True if two-part stamps are minutes and seconds; raise an error if they are ambiguous.
 
-    Fractions, a first part above 23 or a wrap at the hour mean minutes and seconds. A wrap at midnight
-    means hours and minutes. The unit of the column takes precedence.
+    A decimal fraction, a first part above 23 or a wrap at the full hour indicates minutes and seconds. A
+    wrap at midnight indicates hours and minutes. The unit of the column takes precedence.
     """
     said = CLOCK_UNIT.fullmatch(one.unit.strip())
     if said:
@@ -83,7 +83,7 @@ def _minutes_first(stamps: Sequence[re.Match[str]], one: Column) -> bool:
 
 
 def _days(dates: Sequence[str], one: Column) -> np.ndarray:
-    """Return days since the first date; only one order of day and month may yield increasing dates."""
+    """Return the days since the first date; raise an error if the dates are ambiguous or decrease."""
     distinct = list(dict.fromkeys(dates))
     if len(distinct) == 1:
         return np.zeros(len(dates))
@@ -100,7 +100,7 @@ def _days(dates: Sequence[str], one: Column) -> np.ndarray:
     if not best or (len(best) > 1 and best[0][-1] > 2 * len(distinct)):
         raise InputError(
             f"the dates in {one}, such as {distinct[0]!r}, are ambiguous or decrease: write them as "
-            "2021-03-04"
+            "2021-03-04 (year-month-day)"
         )
     number = dict(zip(distinct, best[0], strict=True))
     return np.array([number[date] for date in dates], float)

@@ -1,7 +1,7 @@
 """The helical braid: triangle relation, Gaylord's force, and braids with inextensible or elastic threads.
 
-One unrolled thread is the hypotenuse of a right triangle: L = B sin(theta) along the axis and
-pi N D = B cos(theta) around it. `theta` is measured from the circumference.
+An unrolled thread is the hypotenuse of a right triangle with the legs L = B sin(theta) along the axis
+and pi N D = B cos(theta) around it. The braid angle theta is measured from the circumference.
 """
 
 import abc
@@ -33,7 +33,7 @@ def thread_length_from_angle(length: Real, braid_angle: Real) -> RealArray:
         braid_angle: theta [rad], from the circumference, in (0, pi/2].
 
     Returns:
-        B [m], broadcast shape.
+        B [m], with the broadcast shape.
 
     References:
         Gaylord 1958; Chambers 2021, section 5.1.
@@ -53,7 +53,7 @@ def turns_from_angle(length: Real, diameter: Real, braid_angle: Real) -> RealArr
         braid_angle: theta [rad], from the circumference, in (0, pi/2).
 
     Returns:
-        N [-], a float, broadcast shape.
+        N [-], a float, with the broadcast shape.
 
     References:
         Gaylord 1958; Chambers 2021, section 5.1.
@@ -70,7 +70,7 @@ def diameter_from_length(length: Real, thread_length: Real, turns: Real) -> Real
         turns: N [-], > 0.
 
     Returns:
-        D [m], broadcast shape; nan for L > B, which no braid can reach.
+        D [m], with the broadcast shape; nan for L > B, which is impossible.
 
     References:
         Gaylord 1958; Chambers 2021, section 5.1.
@@ -87,7 +87,7 @@ def braid_angle_from_length(length: Real, thread_length: Real) -> RealArray:
         thread_length: B [m].
 
     Returns:
-        theta [rad], from the circumference, broadcast shape; nan for L > B.
+        theta [rad], from the circumference, with the broadcast shape; nan for L > B.
 
     References:
         Gaylord 1958; Chambers 2021, section 5.1.
@@ -97,7 +97,7 @@ def braid_angle_from_length(length: Real, thread_length: Real) -> RealArray:
 
 
 def braid_angle_from_diameter(diameter: Real, known_diameter: Real, known_angle: Real) -> RealArray:
-    """Return the braid angle theta [rad] at another diameter: cos(theta) / D is constant.
+    """Return the braid angle theta [rad] at another diameter; the ratio cos(theta) / D is constant.
 
     Args:
         diameter: D [m] at which the angle is required, >= 0.
@@ -105,7 +105,7 @@ def braid_angle_from_diameter(diameter: Real, known_diameter: Real, known_angle:
         known_angle: theta1 [rad] at D1, from the circumference.
 
     Returns:
-        theta [rad], broadcast shape; nan if D exceeds D1 / cos(theta1), where the threads are circles.
+        theta [rad], with the broadcast shape; nan if D > D1 / cos(theta1), the largest possible diameter.
 
     References:
         Chambers 2021, section 2.2.
@@ -122,25 +122,28 @@ class AbstractBraid(Parametrised):
 
     @abc.abstractmethod
     def thread_length(self, length: Real, pressure: Real) -> RealArray:
-        """Return the thread length B [m] at length L [m] and gauge pressure P [Pa], broadcast shape."""
+        """Return the thread length B [m] at length L [m] and gauge pressure P [Pa]; arguments broadcast."""
 
     def threads_tension(self, strain: Real) -> RealArray | None:  # noqa: ARG002
-        """Return the total thread tension [N] at engineering strain [-]; None for inextensible threads."""
+        """Return the total thread tension [N] at an engineering strain [-].
+
+        The result is None if the threads are inextensible.
+        """
         return None
 
     def reach(
         self, length: Real, pressure: Real
     ) -> tuple[RealArray, RealArray, Bool[Array, "..."]]:
-        """Return length and thread length, with placeholders where they form no triangle, and a mask.
+        """Return length, thread length and a mask of reachable states; other states are placeholders.
 
         Args:
             length: active length L [m].
             pressure: gauge pressure P [Pa].
 
         Returns:
-            (L, B, reached), broadcast shape. Unless 0 < L < B, `reached` is False and L and B are
-            placeholders that form a triangle. The caller must replace the results there with nan. A nan
-            here would spoil the derivatives of other states.
+            (L, B, reached), with the broadcast shape. `reached` is True where 0 < L < B. Elsewhere, L and
+            B are placeholders that satisfy this condition, and the caller must replace the results with
+            nan. A nan in L or B would contaminate the derivatives of other states.
         """
         lengths, pressures = jnp.broadcast_arrays(as_real(length), as_real(pressure))
         unloaded = jax.lax.stop_gradient(self.rest_thread_length)
@@ -159,8 +162,8 @@ class Braid(AbstractBraid):
 
     Attributes:
         rest_thread_length: B0 [m], length of one thread from fitting to fitting.
-        turns: N [-], turns of one thread about the axis, a float.
-        thickness: t_braid [m] where two threads cross; the bladder lies beneath them.
+        turns: N [-], number of turns of one thread about the axis; it may be fractional.
+        thickness: t_braid [m], thickness of the braid where two threads cross; the bladder lies inside it.
     """
 
     rest_thread_length: Float[Given, "..."] = parameter("m", low=0.0)
@@ -174,16 +177,17 @@ class Braid(AbstractBraid):
         """Create a braid from its diameter and angle at one length.
 
         Args:
-            diameter: D0 [m], braid diameter at rest.
+            diameter: D0 [m], diameter of the braid at rest.
             braid_angle: theta0 [rad] at rest, from the circumference, in (0, pi/2].
             length: L0 [m], active length at rest.
-            thickness: t_braid [m].
+            thickness: t_braid [m], thickness of the braid where two threads cross.
 
         Returns:
             The braid with B = L0 / sin(theta0) and N = L0 / (pi D0 tan(theta0)).
 
         Raises:
-            ValueError: the angle is out of range, for example in degrees. Traced angles are not checked.
+            ValueError: the angle is out of range, perhaps because it is in degrees. Traced angles are not
+                checked.
 
         >>> braid = Braid.from_rest(diameter=0.02, braid_angle=1.1, length=0.3)
         >>> print(f"{braid.diameter(0.3):.4f} {braid.braid_angle(0.3):.4f}")
@@ -194,8 +198,8 @@ class Braid(AbstractBraid):
             wrong = angle[(angle <= 0) | (angle > _RIGHT_ANGLE)]
             if wrong.size:
                 raise ValueError(
-                    f"braid_angle must lie in (0, pi/2] rad, got {wrong[0]:.6g}; convert degrees with "
-                    "jnp.deg2rad(61.7)"
+                    f"braid_angle must lie in (0, pi/2] rad, got {wrong[0]:.6g}; convert degrees to "
+                    "radians, as in jnp.deg2rad(61.7)"
                 )
         return cls(
             rest_thread_length=thread_length_from_angle(length, braid_angle),
@@ -204,7 +208,7 @@ class Braid(AbstractBraid):
         )
 
     def thread_length(self, length: Real, pressure: Real) -> RealArray:
-        """Return the thread length B0 [m], which does not depend on the load, broadcast shape."""
+        """Return the thread length B0 [m], which does not depend on the load, with the broadcast shape."""
         shape = jnp.broadcast_shapes(jnp.shape(length), jnp.shape(pressure))
         return jnp.broadcast_to(self.rest_thread_length, shape)
 
@@ -229,7 +233,7 @@ def force_magnification(braid_angle: Real) -> RealArray:
         braid_angle: theta [rad], from the circumference, in (0, pi/2).
 
     Returns:
-        Magnification [-], broadcast shape; zero at `NEUTRAL_ANGLE`, negative below it.
+        Magnification [-], with the broadcast shape; zero at `NEUTRAL_ANGLE`, negative at smaller angles.
 
     References:
         Gaylord 1958; Chambers 2021, section 2.2.
@@ -248,7 +252,7 @@ def gaylord_force(pressure: Real, radius: Real, braid_angle: Real) -> RealArray:
         braid_angle: theta [rad], from the circumference, in (0, pi/2).
 
     Returns:
-        F_G [N], broadcast shape, positive when the muscle pulls.
+        F_G [N], with the broadcast shape; positive if the muscle pulls.
 
     References:
         Gaylord 1958; Chambers 2021, equation 6.1.
@@ -264,8 +268,8 @@ def thread_tension(
 ) -> RealArray:
     """Return the tension T [N] of one thread, T = (F + P pi R^2) / (n sin(theta)).
 
-    The threads that cross a section carry the muscle's force and the pressure on the end. The tension
-    in the bladder is neglected.
+    The threads that cross a section carry the muscle's force and the force of the pressure on the end
+    fitting. The tension in the bladder is neglected.
 
     Args:
         force: F [N] of the muscle, positive when the muscle pulls.
@@ -275,7 +279,7 @@ def thread_tension(
         n_threads: n [-], number of threads in both families.
 
     Returns:
-        T [N], broadcast shape; negative if the threads would have to push.
+        T [N], with the broadcast shape; negative if the threads would be in compression.
 
     References:
         Chambers 2021, section 5.1.
@@ -290,9 +294,9 @@ def thread_tension(
 class AbstractThread(Parametrised):
     """An elastic thread whose stiffness rises with tension towards a limit.
 
-    The strain must be 0 at T = 0 and increase with the tension, at a rate that never increases and tends
-    to 1 / k, where k = A_b E_b is the limiting stiffness. The root search in `ElasticBraid` then
-    converges.
+    The strain must be 0 at T = 0 and must increase with the tension. The slope of strain against tension
+    must never increase, and must tend to 1 / k, where k = A_b E_b is the limiting stiffness. Under these
+    conditions, the root search in `ElasticBraid` converges.
     """
 
     modulus: eqx.AbstractVar[RealArray]
@@ -306,11 +310,14 @@ class AbstractThread(Parametrised):
     @property
     @abc.abstractmethod
     def offset_strain(self) -> RealArray:
-        """Strain [-] of the asymptote at T = 0; the strain exceeds T / k by at most this amount."""
+        """Strain [-] of the asymptote at T = 0.
+
+        At a tension T, the strain of the thread exceeds T / k by at most this value.
+        """
 
     @abc.abstractmethod
     def strain(self, tension: Real) -> RealArray:
-        """Return the thread's engineering strain [-] at tension T [N], broadcast shape."""
+        """Return the thread's engineering strain [-] at tension T [N], with the broadcast shape."""
 
     @abc.abstractmethod
     def tension(self, strain: Real) -> RealArray:
@@ -322,7 +329,7 @@ class LinearThread(AbstractThread):
 
     Attributes:
         modulus: E_b [Pa], > 0.
-        area: A_b [m2], cross-section of the fibres in one thread.
+        area: A_b [m2], cross-sectional area of the fibres in one thread.
 
     References:
         Chambers 2021, section 5.1.
@@ -350,16 +357,17 @@ class LinearThread(AbstractThread):
 
 
 class ToeThread(AbstractThread):
-    """A thread whose fibres straighten before they stretch: a toe region, then a straight line.
+    """A thread whose fibres straighten before they stretch: a toe region followed by a straight line.
 
     eps = T / (A_b E_b) + e_t T / (T + T_t)
 
-    At rest, its modulus is E_b / (1 + A_b E_b e_t / T_t). At high tension, the curve approaches the line
-    with modulus E_b that starts at the strain e_t. A slack thread pushes with less than T_t.
+    At zero tension, the modulus is E_b / (1 + A_b E_b e_t / T_t). At high tension, the curve approaches a
+    straight line with modulus E_b that starts at the strain e_t. A compressed thread pushes with less
+    than T_t.
 
     Attributes:
         modulus: E_b [Pa], > 0, beyond the toe region.
-        area: A_b [m2], cross-section of the fibres in one thread.
+        area: A_b [m2], cross-sectional area of the fibres in one thread.
         toe_strain: e_t [-], >= 0, strain added by straightening.
         toe_tension: T_t [N], > 0, tension at which half the toe strain is reached.
 
@@ -379,7 +387,7 @@ class ToeThread(AbstractThread):
         return self.toe_strain
 
     def strain(self, tension: Real) -> RealArray:
-        """Return the engineering strain [-] at tension T [N], T > -T_t; nan below."""
+        """Return the engineering strain [-] at tension T [N]; nan unless T > -T_t."""
         inside = jnp.asarray(tension > -self.toe_tension)
         T = jnp.where(inside, tension, 0.0)
         value = T / self.far_stiffness + self.toe_strain * T / (T + self.toe_tension)
@@ -406,16 +414,16 @@ def strain_under_line(thread: AbstractThread, load: RealArray) -> tuple[RealArra
     """Solve strain(T) = eps with the load T = m (1 + eps), by Newton's method.
 
     A solution exists if m < k = A_b E_b; otherwise, the load grows faster than the tension. The residual
-    r(eps) = eps - strain(T(eps)) is convex, and its slope rises to 1 - m / k > 0. At the starting point,
-    (m / k + e_t) / (1 - m / k) with the offset strain e_t, the residual is not negative, so the iterates
-    fall monotonically to the root. For a linear thread, the starting point is the root.
+    r(eps) = eps - strain(T(eps)) is convex, and its slope rises to 1 - m / k > 0. The search starts at
+    (m / k + e_t) / (1 - m / k), where e_t is the offset strain. The residual there is not negative, so the
+    iterates decrease monotonically to the root. For a linear thread, the starting point is the root.
 
     Args:
         thread: thread law.
         load: m [N], shape ().
 
     Returns:
-        (strain [-], found): nan and False if there is no solution. Derivatives follow from the implicit
+        (strain [-], found); nan and False if there is no solution. Derivatives follow from the implicit
         function theorem.
     """
     k = thread.far_stiffness
@@ -460,15 +468,15 @@ class ElasticBraid(AbstractBraid):
 
     B = B0 (1 + strain(T)),  T = (F_G + P pi R^2) / (n sin(theta)) = P L B / (2 pi N^2 n)
 
-    The tension under Gaylord's force F_G is proportional to B; the bladder is neglected. There is no
-    equilibrium, and B is nan, if this tension grows faster than the threads' resistance, or if L >= B.
+    The tension T is computed from Gaylord's force F_G, without the bladder, and is proportional to B. If T
+    grows faster with B than the threads' resistance, or if L >= B, there is no equilibrium and B is nan.
 
     Attributes:
-        rest_thread_length: B0 [m], one unloaded thread from fitting to fitting.
-        turns: N [-], turns of one thread about the axis, a float.
-        thickness: t_braid [m] where two threads cross; the bladder lies beneath them.
+        rest_thread_length: B0 [m], length of one unloaded thread from fitting to fitting.
+        turns: N [-], number of turns of one thread about the axis; it may be fractional.
+        thickness: t_braid [m], thickness of the braid where two threads cross; the bladder lies inside it.
         n_threads: n [-], number of threads in both families.
-        thread: law of one thread.
+        thread: tension law of one thread.
 
     References:
         Chambers 2021, section 5.1.
@@ -487,12 +495,15 @@ class ElasticBraid(AbstractBraid):
     thread: AbstractThread
 
     def threads_tension(self, strain: Real) -> RealArray:
-        """Return the total thread tension [N] at engineering strain [-]."""
+        """Return the total thread tension [N] at an engineering strain [-]."""
         return self.n_threads * self.thread.tension(strain)
 
     @compiled_method
     def thread_length(self, length: Real, pressure: Real) -> RealArray:
-        """Return the thread length B [m], broadcast shape; nan without equilibrium. Differentiable."""
+        """Return the thread length B [m], with the broadcast shape; nan if there is no equilibrium.
+
+        The result is differentiable.
+        """
         length, pressure = jnp.broadcast_arrays(as_real(length), as_real(pressure))
         known = jnp.isfinite(pressure)  # nan would spoil the derivatives of other states
         around = 2 * jnp.pi * self.turns**2 * self.n_threads
@@ -511,14 +522,14 @@ class CompliantBraid(AbstractBraid):
 
     B = B0 / (1 - C B0 P L / (2 pi N^2)),  C = 1 / (n A_b E_b)
 
-    This is the closed form of `ElasticBraid` with linear threads, for identification. It needs neither
-    the number nor the cross-section of the threads. With C = 0 the braid is inextensible.
+    This is the closed form of `ElasticBraid` with linear threads, for use in identification. Neither the
+    number nor the cross-section of the threads is needed. With C = 0, the braid is inextensible.
 
     Attributes:
-        rest_thread_length: B0 [m].
-        turns: N [-].
-        thickness: t_braid [m].
-        compliance: C [1/N], >= 0, thread strain per unit of total tension in all threads.
+        rest_thread_length: B0 [m], length of one unloaded thread from fitting to fitting.
+        turns: N [-], number of turns of one thread about the axis; it may be fractional.
+        thickness: t_braid [m], thickness of the braid where two threads cross; the bladder lies inside it.
+        compliance: C [1/N], >= 0, strain of the threads per unit of their total tension.
 
     References:
         Davis et al. 2003 (stretching braid); Chambers 2021, section 5.1.
@@ -541,11 +552,11 @@ class CompliantBraid(AbstractBraid):
         return cls(braid.rest_thread_length, braid.turns, braid.thickness, compliance)
 
     def threads_tension(self, strain: Real) -> RealArray:
-        """Return the total thread tension [N] at engineering strain [-]; the compliance must not be 0."""
+        """Return the total thread tension [N] at an engineering strain [-]; the compliance must be > 0."""
         return jnp.asarray(strain / self.compliance)
 
     def thread_length(self, length: Real, pressure: Real) -> RealArray:
-        """Return the thread length B [m], broadcast shape; nan if the threads stretch without limit."""
+        """Return the thread length B [m]; nan if the threads stretch without limit. Arguments broadcast."""
         length, pressure = jnp.broadcast_arrays(as_real(length), as_real(pressure))
         known = jnp.isfinite(pressure)  # nan would spoil the derivatives of other states
         at = jnp.where(known, pressure, 0.0) * length

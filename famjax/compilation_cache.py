@@ -1,7 +1,8 @@
-"""Keep compiled programs on disk for the next command, in JAX's persistent cache.
+"""Keep compiled programs on disk for later commands, in JAX's persistent cache.
 
-Only the command line switches the cache on. `FAMJAX_CACHE_DIR` sets another folder, or `off`. If the
-user has already set a cache folder in JAX, that folder and its settings are kept.
+Only the commands switch the cache on. Set the environment variable `FAMJAX_CACHE_DIR` to another folder,
+or to `off` to disable the cache. If the user has already set a cache folder in JAX, that folder and its
+settings are kept.
 """
 
 import contextlib
@@ -19,7 +20,7 @@ from .boundary.errors import InputError
 
 VARIABLE = "FAMJAX_CACHE_DIR"
 LARGEST = 256 * 2**20
-"""Limit [bytes] for all folders together; the oldest entries are removed first."""
+"""Maximum total size [bytes] of all cache folders; the oldest entries are removed first."""
 _FEATURES = ("model name", "flags", "Features", "CPU implementer", "CPU part")
 _SETTINGS = {
     # Without these JAX keeps only what took a second to compile.
@@ -29,10 +30,10 @@ _SETTINGS = {
 
 
 def start_jax() -> str:
-    """Import JAX for a command: in float64, with compiled programs kept on disk.
+    """Import JAX for a command, set it to float64, and switch the cache of compiled programs on.
 
     Returns:
-        The result of `switch_on`.
+        The cache folder, as returned by `switch_on`.
 
     Raises:
         InputError: JAX finds no device.
@@ -52,10 +53,10 @@ def start_jax() -> str:
 
 
 def switch_on() -> str:
-    """Switch on JAX's cache of compiled programs if possible.
+    """Switch on JAX's cache of compiled programs, if possible.
 
     Returns:
-        The cache folder; "" if the cache is off or no private folder can be written.
+        The cache folder; "" if the cache is off or a private folder cannot be created.
     """
     import jax
 
@@ -76,7 +77,7 @@ def switch_on() -> str:
 
 
 def cache_root() -> Path | None:
-    """Return the folder for compiled programs: `FAMJAX_CACHE_DIR`, or one in the user's cache.
+    """Return the folder for compiled programs: `FAMJAX_CACHE_DIR`, or one in the user's cache folder.
 
     Returns:
         An absolute path, which need not exist; None if the cache is off or there is no home folder.
@@ -95,8 +96,8 @@ def cache_root() -> Path | None:
 def machine() -> str:
     """Return a folder name for this host, processor and jaxlib.
 
-    A program compiled for another processor may crash. JAX's own key for a program omits the processor's
-    features, and several machines may share a home folder.
+    A program compiled for a different processor may crash. JAX's own cache key does not include the
+    features of the processor, and several machines may share a home folder.
     """
     processor = platform.machine() + platform.processor()
     with contextlib.suppress(OSError), open("/proc/cpuinfo", encoding="utf-8") as file:
@@ -107,9 +108,9 @@ def machine() -> str:
 
 
 def _private_folder(folder: Path) -> bool:
-    """Create the folder if missing, and check that only this user can read and write it.
+    """Create the folder if it is missing; return True if it is writable, and only by this user.
 
-    Loading a compiled program runs it, so no other user may write here.
+    Compiled programs from this folder are executed, so other users must not be able to write to it.
     """
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -124,9 +125,9 @@ def _private_folder(folder: Path) -> bool:
 
 
 def _bound(root: Path) -> None:
-    """Remove the oldest programs until the rest are within the limit.
+    """Remove the oldest programs until the total size is within the limit.
 
-    JAX's own limit, `jax_compilation_cache_max_size`, requires another package, filelock.
+    JAX's own limit, `jax_compilation_cache_max_size`, requires an additional package, filelock.
     """
     with contextlib.suppress(OSError):  # another process may be removing files as well
         files = [(path.stat(), path) for path in root.glob("*-jaxlib-*/*-cache")]

@@ -1,8 +1,8 @@
-"""Compiler options: programs that run once, and briefly, are not optimised.
+"""Compiler options for programs that run only briefly and are therefore not optimised.
 
-A search runs for a tenth of a second but would take many times longer to compile, so optimisation
-costs more than it saves. Programs that run for a long time, such as a bootstrap, keep full
-optimisation, which is JAX's default and does not need this module.
+A search runs for a tenth of a second, and compiling it with full optimisation would take many times
+longer. Optimisation would therefore cost more time than it saves. Programs that run for a long time,
+such as a bootstrap, are fully optimised, which is JAX's default and does not require this module.
 """
 
 import functools
@@ -20,7 +20,7 @@ _P = ParamSpec("_P")
 _T = TypeVar("_T")
 
 Options = dict[str, bool | int]
-"""Names and values accepted by `jax.jit(..., compiler_options=...)`."""
+"""Compiler options by name, as accepted by `jax.jit(..., compiler_options=...)`."""
 
 _QUICK: Options = {
     "xla_backend_optimization_level": 0,
@@ -39,15 +39,16 @@ def quick_options() -> Options:
     on a program that returns its argument (0.03 s for all options).
 
     Returns:
-        Names and values. Results agree with full optimisation to within rounding.
+        Options by name. Results agree with those of full optimisation to within rounding.
     """
     return {name: value for name, value in _QUICK.items() if _known({name: value})}
 
 
 def bulk_options() -> Options:
-    """Return options for programs that run hundreds of times.
+    """Return the compiler options for programs that run hundreds of times.
 
-    Compared with `quick_options`, compilation takes 1.5 times as long and running a fifth of the time.
+    Compared with `quick_options`, compilation takes 1.5 times as long, but a run takes a fifth of the
+    time.
     """
     return {
         name: value
@@ -68,10 +69,10 @@ def _known(options: Options) -> bool:
 
 
 def quick_jit(function: Callable[_P, _T]) -> Callable[_P, _T]:
-    """Apply `equinox.filter_jit` with fast compilation; results agree to within rounding.
+    """Apply `equinox.filter_jit` with options for fast compilation; results differ only by rounding.
 
-    Inside a caller's trace, such as their `jax.jit`, the function becomes part of the caller's program,
-    which is compiled with the caller's options.
+    If the function is called inside a trace, such as a caller's `jax.jit`, it becomes part of the
+    caller's program, which is compiled with the caller's options.
     """
     plain: Any = eqx.filter_jit
     traced = plain(function, inline=True)
@@ -91,7 +92,7 @@ def quick_jit(function: Callable[_P, _T]) -> Callable[_P, _T]:
 
 
 def as_arrays(tree: _T) -> _T:
-    """Return the tree with its numbers as arrays, so that new values do not recompile under `quick_jit`."""
+    """Convert the floats in a tree to arrays, so that `quick_jit` does not recompile for new values."""
     return jax.tree.map(
         lambda leaf: np.asarray(leaf, float) if isinstance(leaf, float) else leaf, tree
     )

@@ -25,7 +25,7 @@ Units = Literal["si", "metric", "us"]
 
 
 def whole(type_: Any, tokens: Sequence[Token]) -> Any:
-    """Convert a token to a whole number, or several tokens to a tuple; never round.
+    """Convert a command-line token to a whole number, or several tokens to a tuple, without rounding.
 
     Raises:
         ValueError: a token is not a whole number.
@@ -57,8 +57,8 @@ def parse_entries(given: Iterable[str], option: str, example: str) -> dict[str, 
 
     Args:
         given: entries to parse.
-        option: name of the option, for messages.
-        example: an example entry, for messages.
+        option: name of the option, for error messages.
+        example: example of an entry, for error messages.
 
     Raises:
         InputError: an entry does not have this form, or a name occurs twice.
@@ -85,7 +85,7 @@ Columns = Annotated[tuple[str, ...], Parameter(name="--column")]
 
 
 def parse_columns(given: Iterable[str]) -> dict[str, str]:
-    """Parse entries such as `force="Kraft [N]"` into columns by quantity.
+    """Parse entries such as `force="Kraft [N]"` into a dictionary of columns by quantity.
 
     Raises:
         InputError: an entry does not have this form, or a quantity occurs twice.
@@ -111,12 +111,12 @@ def add_cwd_to_path() -> None:
 _PATIENCE = 2.0  # s; shorter work needs no bar
 
 Show = Callable[..., None]
-"""Called with the amount done, the total and, if it changes, the current task."""
+"""Function called with the amount done, the total and, if the task has changed, the current task."""
 
 
 @contextlib.contextmanager
 def progress(what: str) -> Iterator[Show]:
-    """Show a progress bar and the time left on standard error, if the work takes over 2 s.
+    """Show a progress bar and the time left on standard error if the work takes longer than 2 s.
 
     Nothing is shown if standard error is not a terminal.
 
@@ -147,10 +147,10 @@ def progress(what: str) -> Iterator[Show]:
 
 
 class Output:
-    """Output folder of a command, checked before the work starts.
+    """Output folder of a command; write access is checked before the work starts.
 
     Attributes:
-        folder: where files are written.
+        folder: folder to which files are written.
 
     Raises:
         InputError: the folder cannot be written.
@@ -161,7 +161,7 @@ class Output:
         self.folder = folder
 
     def write(self, files: Mapping[str, Any]) -> list[Path]:
-        """Write files by name, all or none: bytes unchanged, everything else as JSON.
+        """Write all files or none; bytes are written unchanged, everything else as JSON.
 
         Raises:
             InputError: the folder cannot be written.
@@ -179,7 +179,7 @@ class Output:
 
 
 def print_json(document: object) -> None:
-    """Print one JSON value; nan and infinity raise an error, because they indicate a bug."""
+    """Print one JSON value; raise an error for nan and infinity, because they indicate a bug."""
     print(json.dumps(document, allow_nan=False))
 
 
@@ -201,7 +201,7 @@ _WIDEST = 250  # characters per table row
 
 
 def print_rows(title: str, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Print rows that share the same keys as a table; values that are lists are omitted."""
+    """Print rows with the same keys as a table; values that are lists are omitted."""
     keys = [key for key, value in rows[0].items() if not isinstance(value, list)] if rows else []
     header = [key.replace("_", " ") for key in keys]
     print_table(title, header, [[_cell(row[key]) for key in keys] for row in rows], numbers="left")
@@ -210,7 +210,7 @@ def print_rows(title: str, rows: Sequence[Mapping[str, Any]]) -> None:
 def print_table(
     title: str, header: Sequence[str], rows: Sequence[Sequence[str]], *, numbers: Any = "right"
 ) -> None:
-    """Print a text table; all columns but the first are right-aligned by default."""
+    """Print a text table; by default, all columns except the first are right-aligned."""
     table = Table(box=None, pad_edge=False)
     for k, name in enumerate(header):
         table.add_column(name, justify=numbers if k else "left", overflow="fold")
@@ -232,7 +232,7 @@ def _cell(value: object) -> str:
 
 
 _KINDS = {"m": "length", "Pa": "pressure", "N": "force"}
-"""Kind of quantity for the SI unit at the end of a key."""
+"""Kind of quantity for each SI unit that a key may end with."""
 
 
 def in_units(rows: Sequence[Mapping[str, Any]], units: Mapping[str, str]) -> list[dict[str, Any]]:

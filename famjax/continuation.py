@@ -1,4 +1,4 @@
-"""Safe continuation of a force model beyond its data: C1, monotone and never negative."""
+"""Continue a force model safely beyond its data, so that the force is C1, monotone and never negative."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
@@ -19,14 +19,14 @@ _STRAIGHT = 0.8  # linear fraction of the saturation
 
 
 def bent(step: Real, ends: Float[Array, "2"]) -> RealArray:
-    """Saturate a step smoothly: linear up to four fifths of a limit, which is never exceeded.
+    """Saturate a step smoothly: linear up to four fifths of a limit X, which is never exceeded.
 
-    y = x for |x| <= 4/5 X, and beyond it y = X (4/5 + t/(5 (1 + t))), t = 5 |x|/X - 4, with the sign
-    of x. The function is C1 with positive slope everywhere.
+    y = x for |x| <= 4/5 X. Beyond that, |y| = X (4/5 + t/(5 (1 + t))), t = 5 |x|/X - 4, and y has the
+    sign of x. The function is C1, with a positive slope everywhere.
 
     Args:
         step: x, any shape.
-        ends: 1/X below and above, >= 0, shape (2,); zero for no limit.
+        ends: 1/X for negative and for positive steps, >= 0, shape (2,); zero for no limit.
 
     Returns:
         y, with the unit and shape of x.
@@ -40,7 +40,7 @@ def bent(step: Real, ends: Float[Array, "2"]) -> RealArray:
 
 
 def taut(force: RealArray, width: RealArray) -> RealArray:
-    """Clip a force at zero; a cubic blends the two branches between 0 and a width [N].
+    """Clip a force at zero, with a smooth cubic transition between 0 and a width [N].
 
     F = w (2 t^2 - t^3), t = G/w: exactly zero for G <= 0 and exactly G for G >= w, C1 and monotone.
     F is below G by at most 0.15 w.
@@ -57,23 +57,23 @@ def taut(force: RealArray, width: RealArray) -> RealArray:
 
 
 def stopped(step: RealArray, stiffness: RealArray, onset: RealArray) -> RealArray:
-    """Return the force [N] of an end stop at a penetration x [m]; zero for x <= 0, C1, stiffness bounded.
+    """Return an end stop's force [N] at penetration x [m]: zero for x <= 0, C1, with bounded stiffness.
 
     F = k x^2/(2 s) for x < s, and k (x - s/2) beyond.
 
     Args:
-        step: x [m], any shape.
+        step: penetration x [m], any shape.
         stiffness: k [N/m], > 0.
-        onset: s [m], > 0.
+        onset: penetration s [m], > 0, over which the stiffness rises to k.
     """
     on = jnp.clip(step, 0.0, onset)
     return stiffness * (on**2 / (2 * onset) + jnp.maximum(step - onset, 0.0))
 
 
 def untaut(force: RealArray, width: RealArray) -> RealArray:
-    """Return the force G [N] for F [N] >= 0, the inverse of `taut`; zero for F = 0, nan for F < 0.
+    """Return the G [N] for which `taut` returns a force F [N] >= 0; zero for F = 0, nan for F < 0.
 
-    Uses the middle root of 2 t^2 - t^3 = F/w, t = (2 + 4 cos(arccos(1 - 27 F/(16 w))/3 - 2 pi/3))/3.
+    G/w is the middle root of 2 t^2 - t^3 = F/w, t = (2 + 4 cos(arccos(1 - 27 F/(16 w))/3 - 2 pi/3))/3.
     """
     part = force / width
     blended = (part > 0) & (part < 1)
@@ -83,11 +83,11 @@ def untaut(force: RealArray, width: RealArray) -> RealArray:
 
 
 LENGTHS, PRESSURES = 33, 65
-"""Number of grid lines on which the model is checked."""
+"""Numbers of lengths and pressures in the grid on which the model is checked."""
 
 
 class Region(eqx.Module):
-    """A rectangle of lengths and pressures.
+    """A rectangular region of lengths and pressures.
 
     Attributes:
         length: shortest and longest active length [m], shape (2,).
@@ -102,7 +102,7 @@ class Region(eqx.Module):
         """Return the smallest region that contains these lengths [m] and pressures [Pa].
 
         Raises:
-            InputError: values are negative or not finite, or are all equal.
+            InputError: lengths or pressures are negative, not finite, or all equal.
         """
         L, P = np.asarray(length, float), np.asarray(pressure, float)
         for name, values, unit in (("lengths", L, "m"), ("pressures", P, "Pa")):
@@ -148,26 +148,26 @@ def grid_slopes(muscle: AbstractMuscle, region: Region) -> Slopes:
 
 
 def rising(at: Slopes) -> Bool[Array | np.ndarray, "lengths pressures"]:
-    """Return a mask of the states where the force is finite and does not fall with length or pressure."""
+    """Return a mask of states where the force is finite and does not fall as length or pressure rises."""
     finite = abs(sum(at)) < np.inf
     return finite & (at.stiffness >= 0) & (at.area >= 0)
 
 
 def rising_region(muscle: AbstractMuscle, data: Region) -> tuple[Region, Slopes]:
-    """Return the largest part of a region where the force does not fall with length or pressure.
+    """Return the largest part of a region where the force does not fall as length or pressure rises.
 
     The search covers all rectangles on a grid of 33 lengths and 65 pressures. It runs on the host
     and cannot be traced.
 
     Args:
         muscle: the model.
-        data: region of the data.
+        data: region covered by the data.
 
     Returns:
         (region, force and derivatives on its grid lines).
 
     Raises:
-        InputError: the largest such rectangle is smaller than two cells by two.
+        InputError: the largest such rectangle has fewer than two cells in length or in pressure.
     """
     at = Slopes(*(np.asarray(one) for one in _grid_slopes(muscle, data)))
     good = np.asarray(rising(at))
@@ -181,8 +181,8 @@ def rising_region(muscle: AbstractMuscle, data: Region) -> tuple[Region, Slopes]
     P = np.linspace(float(data.pressure[0]), float(data.pressure[1]), PRESSURES)
     if min(i1 - i0, j1 - j0) < 2:
         raise InputError(
-            "the model cannot be continued safely, because its force does not rise with length and "
-            f"pressure: it does so at {good.sum()} of {good.size} states from {L[0]:.4g} to "
+            "the model cannot be continued safely beyond its data: its force must rise with length and "
+            f"pressure, but does so at only {good.sum()} of {good.size} states from {L[0]:.4g} to "
             f"{L[-1]:.4g} m and {P[0]:.4g} to {P[-1]:.4g} Pa. Check the model's stiffness and the units"
         )
     part = Slopes(*(one[i0 : i1 + 1, j0 : j1 + 1] for one in at))
@@ -193,7 +193,7 @@ _grid_slopes = quick_jit(grid_slopes)
 
 
 def largest_share(good: Bool[np.ndarray, "lengths pressures"]) -> float:
-    """Return the fraction [-] of a grid's cells that lies in the largest rectangle of good states."""
+    """Return the fraction [-] of the grid cells that lie in the largest rectangle of good states."""
     if good.all():
         return 1.0
     (i0, i1), (j0, j1) = largest_block(good)
@@ -201,7 +201,7 @@ def largest_share(good: Bool[np.ndarray, "lengths pressures"]) -> float:
 
 
 def _inner(low: int, high: int, last: int) -> tuple[int, int]:
-    """Shrink the rectangle by one grid line at ends inside the data: the force may fall between lines."""
+    """Shrink a range by one grid line at each end inside the data: the force may fall between lines."""
     return low + (low > 0), high - (high < last)
 
 
@@ -226,10 +226,10 @@ def largest_block(good: np.ndarray) -> tuple[tuple[int, int], tuple[int, int]]:
 def continued_volume(
     muscle: AbstractMuscle, region: Region, length: Real, pressure: Real
 ) -> RealArray:
-    """Return the volume V [m3] at any length [m] and pressure [Pa], broadcast shape; positive and C1.
+    """Return the volume V [m3] at any length [m] and pressure [Pa]; V is > 0 and C1. Arguments broadcast.
 
-    Inside the region, V is the model's volume. Beyond an edge, a growing volume is extrapolated linearly,
-    and a shrinking one as V/(1 + s), which never reaches zero.
+    Inside the region, V is the model's volume. Beyond an edge, the volume is extrapolated linearly if it
+    grows. If it shrinks by the fraction s in linear extrapolation, V/(1 + s) is used, which is always > 0.
 
     Args:
         muscle: the model.
@@ -272,19 +272,20 @@ _SPARE = 1.05  # safety factor for values between grid lines
 
 
 class ContinuedMuscle(AbstractMuscle):
-    """A model used unchanged inside a region and extrapolated linearly outside; not clipped at zero.
+    """A model that is unchanged inside a region and extrapolated outside it; not clipped at zero.
 
         H(L, P) = F(L_c, P) + F_L(L_c, P) y(L - L_c)                  L_c: L clipped to the region
         G(L, P) = H(L, P_c) + H_P(L, P_c) y(P - P_c) + S(L)           P_c: P clipped to the region
 
-    Inside the region, G equals the model to the last bit. G is C1 across every edge, because F is C2. The
-    step y (`bent`) is linear unless the extrapolation would make the stiffness or the area F_P
-    negative; then y saturates at the step that keeps both >= 0. S adds two stops outside the region:
-    one beyond the straight-thread length, and one below the length at which the braid locks, which
-    pushes. Each stop carries the region's largest force at a travel of 1 % of the rest length.
+    Inside the region, G equals the model's force F to the last bit. G is C1 across every edge, because F
+    is C2. The step y (see `bent`) is linear unless linear extrapolation would make the stiffness F_L or
+    the area F_P negative. In that case, y saturates at a limit X that keeps both >= 0. S is the force of
+    two end stops outside the region. The first pulls beyond the straight-thread length; the second pushes
+    below the length at which the braid locks. A stop carries the region's largest force at a travel of
+    1 % of the rest length.
 
     If the model is `rising` on the region's edges, then outside the region dG/dL >= 0 at every pressure
-    and dG/dP >= 0 at every length; F_L is clipped at zero there.
+    and dG/dP >= 0 at every length. Outside the region, F_L is clipped at zero.
 
     Attributes:
         muscle: the model.
@@ -304,7 +305,7 @@ class ContinuedMuscle(AbstractMuscle):
 
     @compiled_method
     def force(self, length: Real, pressure: Real) -> RealArray:
-        """Return the continued force G [N] at any length [m] and pressure [Pa], broadcast shape.
+        """Return the continued force G [N] at any length [m] and pressure [Pa]; arguments broadcast.
 
         G can be negative.
         """
@@ -327,7 +328,7 @@ class ContinuedMuscle(AbstractMuscle):
         )
 
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """Return the stops [m], extended by their travel at four times the largest force."""
+        """Return the lengths [m] beyond the stops at which a stop carries four times the largest force."""
         travel = 4 * _STOP * self.muscle.rest_length
         return self.stops[0] - travel, self.stops[1] + travel
 
@@ -343,7 +344,7 @@ class ContinuedMuscle(AbstractMuscle):
 
 
 def _ends(at: Slopes) -> tuple[np.ndarray, np.ndarray]:
-    """Return the largest 1/X that keeps area and stiffness >= 0 beyond the lengths and pressures."""
+    """Return the values of 1/X that keep area and stiffness >= 0 outside the region."""
 
     def end(falling: np.ndarray, held: np.ndarray) -> float:
         falls, holds = falling > 0, held > 0
@@ -361,24 +362,26 @@ _SLACK = 1e-3  # width of the blend at zero force, relative to the region's larg
 
 
 class SafeMuscle(AbstractMuscle):
-    """A muscle model inside the region of its data, with a passive continuation outside.
+    """A muscle model for the region of its data, with a passive continuation outside that region.
 
-    F = taut(G), where G is the model inside the region and its monotone continuation with end stops
-    outside (`ContinuedMuscle`). `taut` returns 0 for G <= 0 and G above a small force w. At any length
-    and pressure F is finite, >= 0 and C1, and does not fall with the length. At constant pressure the
-    muscle is therefore a spring, and no simulator can gain energy from it. Below the length at which
-    the braid locks, the muscle does not pull; beyond the straight-thread length, a stiff stop holds it.
+    F = taut(G). Inside the region, G is the model's force; outside, G is the monotone continuation with end
+    stops (`ContinuedMuscle`). `taut` returns 0 for G <= 0 and G above a small force w. At any length and
+    pressure, F is finite, >= 0 and C1, and F does not fall as the length increases. At constant pressure,
+    the muscle therefore acts as a spring, and no simulation can gain energy from it. Below the length at
+    which the braid locks, the muscle does not pull. Beyond the straight-thread length, a stiff stop resists
+    further extension.
 
     With hysteresis, the force also depends on the history, which the caller stores as a state. `start`
-    creates the state, `pull` returns the force at the end of a step, and `moved` completes the step.
-    Both branches of a loop rise with length, and the lengthening branch is higher; clipping at zero
-    preserves this, so every closed loop dissipates energy. The other methods use the static map.
+    creates the state, `pull` returns the force at the end of a step, and `moved` completes the step. In
+    both branches of a loop, the force rises with length, and it is higher while the muscle lengthens.
+    Clipping at zero preserves this, so every closed loop dissipates energy. The other methods use the
+    static map.
 
     Attributes:
-        continued: G, not clipped at zero; see `model_force`.
+        continued: model of G, which is not clipped at zero; see `model_force`.
         slack_width: w [N].
-        data: region of the data; `region` is the part of it in which the model is monotone.
-        hysteresis: hysteresis around the static map, or None.
+        data: region covered by the data; `region` is the part of it in which the model is monotone.
+        hysteresis: hysteresis about the static map, or None.
 
     >>> import famjax
     >>> braid = famjax.Braid.from_rest(diameter=0.022, braid_angle=1.1, length=0.3)
@@ -409,10 +412,10 @@ class SafeMuscle(AbstractMuscle):
             muscle: the model.
             length: active lengths [m] of the data, or their minimum and maximum.
             pressure: gauge pressures [Pa] of the data, or their minimum and maximum.
-            hysteresis: hysteresis around the model's force.
+            hysteresis: hysteresis about the model's force, or None.
 
         Raises:
-            InputError: the region is empty, or the model is nowhere monotone; see `rising_region`.
+            InputError: the region is invalid, or the model is not monotone; see `rising_region`.
         """
         data = Region.of(length, pressure)
         region, at = rising_region(muscle, data)
@@ -427,12 +430,12 @@ class SafeMuscle(AbstractMuscle):
 
     @property
     def region(self) -> Region:
-        """Region in which the force equals the model's."""
+        """Region in which the model is used unchanged."""
         return self.continued.region
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences that state where in the data's region the model is replaced; for a single muscle."""
+        """Sentences that state where the model is replaced in the data's region; for a single muscle."""
         found = []
         for name, unit, scale in (("length", "mm", 1e3), ("pressure", "kPa", 1e-3)):
             had, kept = (
@@ -441,16 +444,19 @@ class SafeMuscle(AbstractMuscle):
             if (had != kept).any():
                 found.append(
                     f"the model is monotone only between {name}s of {kept[0]:.4g} and {kept[1]:.4g} "
-                    f"{unit}; the data range from {had[0]:.4g} to {had[1]:.4g} {unit}"
+                    f"{unit}, but the data range from {had[0]:.4g} to {had[1]:.4g} {unit}"
                 )
         return tuple(found)
 
     def force(self, length: Real, pressure: Real) -> RealArray:
-        """Return the static force F [N] >= 0 at any length [m] and gauge pressure [Pa], broadcast shape."""
+        """Return the static force F [N] >= 0 at any length [m] and pressure [Pa]; arguments broadcast."""
         return taut(self.continued.force(length, pressure), self.slack_width)
 
     def model_force(self, length: Real, pressure: Real) -> RealArray:
-        """Return the continued force G [N], not clipped at zero, broadcast shape; negative if slack."""
+        """Return the continued force G [N]; arguments broadcast.
+
+        G is not clipped at zero, so it is negative if the muscle is slack.
+        """
         return self.continued.force(length, pressure)
 
     def length_range(self) -> tuple[RealArray, RealArray]:
@@ -463,10 +469,10 @@ class SafeMuscle(AbstractMuscle):
         return self.continued.rest_length
 
     def length_at_load(self, load: Real, pressure: Real, *, throw: bool = True) -> RealArray:
-        """Return the longest active length L [m] at which the muscle carries a load >= 0 [N].
+        """Return the longest active length L [m] at which the muscle carries a load [N] >= 0.
 
-        The continued force is solved, because it has such a length even if the muscle is slack over a
-        range of lengths; see `AbstractMuscle.length_at_load`.
+        The length is found from the continued force G, for which it exists even if the muscle is slack
+        over a range of lengths; see `AbstractMuscle.length_at_load`.
         """
         return self.continued.length_at_load(
             untaut(as_real(load), self.slack_width), pressure, throw=throw
@@ -477,7 +483,7 @@ class SafeMuscle(AbstractMuscle):
         return self.continued.onset_pressure(length, highest, throw=throw)
 
     def volume(self, length: Real, pressure: Real) -> RealArray:
-        """Return the fluid volume V [m3], broadcast shape; see `famjax.continuation.continued_volume`.
+        """Return the fluid volume V [m3]; see `famjax.continuation.continued_volume`. Arguments broadcast.
 
         Raises:
             InputError: the model has no geometry.
@@ -487,8 +493,8 @@ class SafeMuscle(AbstractMuscle):
     def start(self, length: Real, pressure: Real) -> SlipState:
         """Return the hysteresis state at the start of a history, at a length [m] and a pressure [Pa].
 
-        The state is reached from the start of the identified cycles: from the vented muscle at this
-        length, or from the longest length of the strokes. Without hysteresis, the state is empty.
+        This is the state that the muscle reaches from the start of the identified cycles: from the vented
+        state at this length, or from the longest length of the strokes. Without hysteresis, it is empty.
         """
         if self.hysteresis is None:
             return SlipState(jnp.zeros(2), jnp.zeros(0), jnp.zeros(0))
@@ -501,10 +507,10 @@ class SafeMuscle(AbstractMuscle):
         return self.hysteresis.slip.moved(state, length, pressure)
 
     def pull(self, state: SlipState, length: Real, pressure: Real) -> RealArray:
-        """Return the force [N] after one step from a state to a length [m] and pressure [Pa], as scalars.
+        """Return the force [N] after one step from a state to a scalar length [m] and pressure [Pa].
 
-        The state is not changed, so an integrator can try several end points; `moved` completes the
-        step.
+        The state is not changed, so an integrator can try several end points. Call `moved` to complete
+        the step.
         """
         force = self.continued.force(length, pressure)
         if self.hysteresis is not None:

@@ -1,4 +1,4 @@
-"""A muscle whose shape follows from equilibrium: profile, braid angle and force are solved together."""
+"""A muscle whose shape follows from equilibrium: profile, braid angle and force are solved for together."""
 
 import functools
 from collections.abc import Sequence
@@ -25,15 +25,15 @@ from .parameters import Parametrised, parameter
 FOUND, BEYOND, OVERHANG, COMPRESSION, LOCKED, UNKNOWN, UNSTABLE, LOST = range(8)
 REASONS = (
     "",
-    "the length is not between zero and the straight-thread length, or a number is not finite",
+    "the length is not between zero and the straight-thread length, or an input is not finite",
     "the shoulder overhangs at a fitting: the muscle is too short for the model at this pressure",
-    "the threads would be in compression: the end force of the pressure plus the pull is not positive",
+    "the threads would be in compression: the pressure force on the end plus the muscle's force is not > 0",
     "the braid is locked: its threads lie along the circumference",
-    "the bladder's bore is closed at this state, or its stress law is undefined at these strains",
+    "the bladder's bore is closed in this state, or its stress law is undefined at these strains",
     "the equilibrium that was found is unstable",
     "no equilibrium was found: use more modes, or check the dimensions and their units",
 )
-"""Reason for a missing state, indexed by code."""
+"""Reasons why a state does not exist, indexed by reason code."""
 
 _RULE = np.polynomial.legendre.leggauss(16)
 _PROBE = 0.1  # strain at which a law's stress gives the scale of forces
@@ -43,15 +43,15 @@ _TILTED, _SLACK, _ROUND = 0.3, 0.15, 0.02
 class Section(Parametrised):
     """A section of a muscle with its own braid, bladder or material.
 
-    Each part is described as if it formed the whole muscle: a section with a share of one half and a
-    braid with 9 in of thread and one turn contains 4.5 in of thread and half a turn.
+    Each part is described as if it formed the whole muscle. For example, a section with a share of one
+    half whose braid has 9 in of thread and one turn contains 4.5 in of thread and half a turn.
 
     Attributes:
-        share: fraction of the material coordinate, > 0; all shares sum to one.
+        share: fraction of the material coordinate, > 0; the shares of all sections sum to one.
         braid: braid of the section; the muscle's braid if None.
         bladder: bladder of the section; the muscle's bladder if None.
         material: material of the section; the muscle's material if None.
-        far_bladder: bladder at the far end of a tapered section; None for no taper.
+        far_bladder: bladder at the far end of a tapered section; None if the section is not tapered.
     """
 
     share: float = eqx.field(static=True)
@@ -62,13 +62,13 @@ class Section(Parametrised):
 
 
 class Shape(eqx.Module):
-    """Shape of a muscle at points from one fitting to the other; arrays of shape (..., points).
+    """Shape of a muscle at points from one fitting to the other, in arrays of shape (..., points).
 
     Attributes:
         position: position z [m] along the axis, 0 to L.
         radius: braid radius r [m].
         braid_angle: angle theta [rad] between thread and circumference.
-        thread_tension: total tension [N] of all threads; divide by their number for one thread.
+        thread_tension: total tension [N] in all threads; divide by their number for a single thread.
         axial_strain: bladder strain eps_z [-] along the meridian.
         hoop_strain: bladder strain eps_c [-] at mid-wall.
         thickness: bladder thickness t [m].
@@ -84,14 +84,14 @@ class Shape(eqx.Module):
 
 
 class State(eqx.Module):
-    """State of a muscle at a length and pressure; nan if no state exists.
+    """State of a muscle at a length and pressure; values are nan if no state exists.
 
     Attributes:
         force: axial force F [N], positive if the muscle pulls.
         volume: fluid volume V [m3].
         energy: strain energy U [J] of bladder and threads.
         margin: smallest stiffness of the shape [N/m]; see `EquilibriumMuscle.margin`.
-        code: index of the reason in `REASONS`.
+        code: index in `REASONS` of the reason why no state exists; 0 if one exists.
     """
 
     force: RealArray
@@ -105,30 +105,32 @@ _quick = functools.partial(compiled_method, jit=quick_jit)
 
 
 class EquilibriumMuscle(AbstractMuscle):
-    """A muscle whose shape has the least energy, with the threads pinned where they cross.
+    """A muscle whose shape minimises the energy; its threads are pinned together where they cross.
 
     The energy at length L and gauge pressure P is the integral over the material coordinate Z of
 
         W(r, mu) - P pi r^2 z',   r'^2 + z'^2 = mu^2 = B^2 - (2 pi N r)^2
 
     where W is the strain energy of the bladder and of any elastic threads. The force is the derivative of
-    this energy with respect to length, and the volume follows from that with respect to pressure, so the
-    force does no work without a source. A state without a stable shape is nan; `reason` explains why.
+    this energy with respect to length, and the volume follows from its derivative with respect to
+    pressure. Force and volume are therefore consistent, and the model never creates energy. If there is
+    no stable shape, the results are nan, and `reason` explains why.
 
-    Friction, gravity and the width of the threads are neglected. The bladder sticks to the braid.
+    Friction, gravity and the width of the threads are neglected. The bladder is assumed to stick to the
+    braid.
 
     Attributes:
         braid: threads around the bladder, inextensible or elastic.
-        bladder: rubber tube under, or in, the braid.
+        bladder: rubber tube under, or embedded in, the braid.
         material: stress law of the bladder.
-        end_diameter: braid diameter D [m] at both fittings, or at the first one.
-        other_end_diameter: braid diameter D [m] at the last fitting; the same as the first if None.
+        end_diameter: braid diameter D [m] at both fittings, or only at the first.
+        other_end_diameter: braid diameter D [m] at the second fitting; None for the same as the first.
         deadband_pressure: P_d [Pa], subtracted from the gauge pressure.
-        sections: sections along the muscle that differ; empty for a uniform muscle.
+        sections: sections in order along the muscle, if they differ; empty for a uniform muscle.
         modes: polynomial degree of the radius in each section; chosen from the slenderness if omitted.
 
     References:
-        Chambers 2021, chapters 6 and 8 (the open question).
+        Chambers 2021, chapters 6 and 8 (open question: a braid term for the real shape).
 
     >>> import famjax
     >>> braid, tube = famjax.Braid(9.89, 1.09, 0.011), famjax.Bladder(9.28125, 0.875, 0.0625)
@@ -162,8 +164,8 @@ class EquilibriumMuscle(AbstractMuscle):
         """Create a muscle; see the attributes.
 
         Raises:
-            InputError: the shares do not sum to one, a wall or a length is not positive, or a fitting is
-                wider than the threads can reach. Traced numbers are not checked.
+            InputError: the shares do not sum to one, a dimension of a bladder is not positive, or a
+                fitting is wider than the braid can be. Traced numbers are not checked.
         """
         self.braid, self.bladder, self.material = braid, bladder, material
         self.end_diameter = as_real(end_diameter)
@@ -181,7 +183,7 @@ class EquilibriumMuscle(AbstractMuscle):
         return jnp.asarray(sum(lengths))
 
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """Return lengths [m] from just below the neutral angle to where the bladder's bore closes."""
+        """Return the range of lengths [m], from just below the neutral length to where the bore closes."""
         thread = sum(share * part.braid.rest_thread_length for share, part in parts_of(self))
         cylinders = [(s, EstimatedGeometry(p.braid, p.bladder)) for s, p in parts_of(self)]
         longest = sum(share * one.length_range()[1] for share, one in cylinders)
@@ -189,7 +191,7 @@ class EquilibriumMuscle(AbstractMuscle):
 
     @_quick
     def force(self, length: Real, pressure: Real) -> RealArray:
-        """Return the static force F [N] at length L [m] and gauge pressure P [Pa], broadcast shape."""
+        """Return the static force F [N] at length L [m] and gauge pressure P [Pa]; arguments broadcast."""
 
         def one(length: RealArray, pressure: RealArray) -> RealArray:
             balance, solved, code = _balance(self, length, pressure)
@@ -199,7 +201,7 @@ class EquilibriumMuscle(AbstractMuscle):
 
     @_quick
     def state(self, length: Real, pressure: Real) -> "State":
-        """Return force, volume, energy, margin and reason code, broadcast shape."""
+        """Return force, volume, energy, stability margin and reason code, with the broadcast shape."""
 
         def one(length: RealArray, pressure: RealArray) -> State:
             balance, solved, code = _balance(self, length, pressure)
@@ -216,22 +218,23 @@ class EquilibriumMuscle(AbstractMuscle):
         return at_each(one, as_real(length), as_real(pressure))
 
     def volume(self, length: Real, pressure: Real) -> RealArray:
-        """Return the fluid volume V [m3], the volume inside the braid minus the rubber, broadcast shape."""
+        """Return the fluid volume V [m3], the volume in the braid minus the rubber; arguments broadcast."""
         return self.state(length, pressure).volume
 
     def energy(self, length: Real, pressure: Real) -> RealArray:
-        """Return the strain energy [J] of bladder and threads, broadcast shape: dU = F dL + P dV.
+        """Return the strain energy U [J] of bladder and threads, with the broadcast shape.
 
-        For a law without a strain energy, this is the work of the stresses along a straight strain path.
-        The deadband's work, P_d V, counts as stored.
+        In equilibrium, dU = F dL + P dV. If the stress law has no strain energy, U is the work done by the
+        stresses along a straight path in strain. The work P_d V against the deadband is counted as stored.
         """
         return self.state(length, pressure).energy
 
     def margin(self, length: Real, pressure: Real) -> RealArray:
-        """Return the shape's smallest stiffness [N/m] at fixed length and pressure, broadcast shape.
+        """Return the shape's smallest stiffness [N/m] at fixed length and pressure: the stability margin.
 
-        This stability margin is the smallest eigenvalue of the energy's second derivative, per mean
-        square of the radius. The cylinder's condition dF/dr < 0 is the limit for a long muscle.
+        The margin is the smallest eigenvalue of the second derivative of the energy, normalised by the mean
+        square change in radius. It has the broadcast shape. For a long muscle, the condition that it is > 0
+        approaches the condition for a cylinder, dF/dr < 0.
         """
         return self.state(length, pressure).margin
 
@@ -244,8 +247,8 @@ class EquilibriumMuscle(AbstractMuscle):
             points: number of points in each section, equally spaced along the threads.
 
         Returns:
-            The shape; arrays have the broadcast shape and a last axis of points, and are nan if no shape
-            exists.
+            The shape. Its arrays have the broadcast shape plus a last axis of points; they are nan if no
+            shape exists.
         """
         return self._profile(as_real(length), as_real(pressure), points)
 
@@ -262,11 +265,11 @@ class EquilibriumMuscle(AbstractMuscle):
         """Return the muscle with another rest length [m] and the same fittings; see `famjax.cut_to_length`.
 
         Raises:
-            ValueError: the muscle has sections, so the place of the cut is ambiguous.
+            ValueError: the muscle has sections, so the position of the cut is ambiguous.
         """
         if self.sections:
             raise ValueError(
-                "a muscle with sections cannot be cut to length: build one with other sections"
+                "a muscle with sections cannot be cut to length: create a muscle with different sections"
             )
         cut = EstimatedGeometry(self.braid, self.bladder).cut_to_length(rest_length)
         return EquilibriumMuscle(
@@ -279,13 +282,13 @@ class EquilibriumMuscle(AbstractMuscle):
         return REASONS[int(self.state(length, pressure).code)]
 
     def blocked_force(self, pressure: Real) -> RealArray:
-        """Return the blocked force [N], at zero contraction and gauge pressure P [Pa]."""
+        """Return the blocked force [N]: the force at zero contraction and gauge pressure P [Pa]."""
         return self.force(self.rest_length, pressure)
 
     def length_at_load(self, load: Real, pressure: Real, *, throw: bool = True) -> RealArray:
         """Return the active length L [m] at which the muscle carries the load; see `AbstractMuscle`.
 
-        The length follows from one equilibrium at the given load, without a root search.
+        The length follows from a single equilibrium solution at this load, without a root search.
         """
         length, found = self._loaded(load, pressure)
         return required(length, found, "equilibrium length") if throw else length
@@ -301,7 +304,7 @@ class EquilibriumMuscle(AbstractMuscle):
 
 
 def parts_of(muscle: EquilibriumMuscle) -> list[tuple[float, Part]]:
-    """Return share and parts of each section, with the bladder at the start of the section."""
+    """Return the share and the parts of each section; the bladder is the one at its start."""
     whole = Part(muscle.braid, muscle.bladder, muscle.material)
     if not muscle.sections:
         return [(1.0, whole)]
@@ -318,7 +321,7 @@ def _ends(muscle: EquilibriumMuscle) -> Float[Array, "2"]:
 
 
 def _modes_for(muscle: EquilibriumMuscle) -> int:
-    """Return the number of modes that resolves the shoulders; slender sections need more."""
+    """Return the number of modes required to resolve the shoulders; slender sections need more."""
     slender = [s * p.bladder.rest_length / muscle.end_diameter for s, p in parts_of(muscle)]
     if any(isinstance(one, Tracer) for one in slender):
         return 32
@@ -345,7 +348,7 @@ def _check(muscle: EquilibriumMuscle) -> None:
         if not 0 < 2 * float(radius) < float(widest):
             raise InputError(
                 f"an end diameter must be > 0 and less than {float(widest):.4g} m, where the threads lie "
-                f"along the circumference; got {2 * float(radius):.4g} m"
+                f"along the circumference, got {2 * float(radius):.4g} m"
             )
 
 
@@ -400,7 +403,7 @@ def _balance(
 
 
 def _code(balance: Balance, solved: Solved) -> Int[Array, ""]:
-    """Return the reason code, from the solver's last point."""
+    """Return the reason code for the solver's last point."""
     stable = jnp.all(jnp.isfinite(jnp.linalg.cholesky(reduced_hessian(solved.point.matrix))))
     rooms, kept = solved.point.rooms, solved.point.kept
     far = 0 if balance.symmetric else -1
@@ -443,7 +446,7 @@ def _length_and_volume(balance: Balance, solved: Solved) -> tuple[RealArray, Rea
 
 
 def _energy(balance: Balance, solved: Solved) -> RealArray:
-    """Return the strain energy [J] along a straight strain path from rest."""
+    """Return the strain energy [J], integrated along a straight path in strain from rest."""
     nodes, weights = (1 + _RULE[0]) / 2, _RULE[1] / 2
 
     def stored(state: RealArray, part: Part, pressure: RealArray) -> RealArray:
@@ -468,7 +471,7 @@ def _margin(balance: Balance, solved: Solved) -> RealArray:
 
 
 def _shape(balance: Balance, solved: Solved, points: int) -> Shape:
-    """Return the shape at points in each section, from polynomials through its stations."""
+    """Return the shape at points in each section, from polynomials through the values at its stations."""
     dtype, start, found = balance.ends.dtype, jnp.zeros_like(balance.length), []
     at = np.linspace(-1, 1, points)
     radii = jnp.zeros(len(balance.shares) * balance.order + 1, dtype)

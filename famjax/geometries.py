@@ -24,19 +24,19 @@ from .profiles import tondu_lopez_length
 
 
 class Dimensions(eqx.Module):
-    """Dimensions for the force balance at one length and pressure.
+    """Dimensions of a muscle at one length and pressure, for use in the force balance.
 
     Attributes:
         length: L [m].
         radius: braid radius R [m].
         braid_angle: theta [rad], from the circumference.
         turns: N [-].
-        thickness: bladder wall t [m].
+        thickness: wall thickness t [m] of the bladder.
         axial_strain: eps_z [-].
         hoop_strain: eps_c [-] at stations along the axis, shape (..., stations).
-        station_weights: quadrature weights of the stations, shape (stations,), sum 1. The axial mean of
-            a function f of the hoop strain is sum(weights * f(eps_c)).
-        bladder_volume: V [m3] of the rubber.
+        station_weights: quadrature weights of the stations, shape (stations,); they sum to 1. The axial
+            mean of a function f of the hoop strain is sum(weights * f(eps_c)).
+        bladder_volume: volume V [m3] of the rubber.
         volume: volume [m3] within the braid's outline.
         thread_length: B [m] of the loaded threads; None if the geometry does not provide it.
         rates: derivatives of all fields with respect to length at constant pressure, or None.
@@ -64,10 +64,10 @@ class Dimensions(eqx.Module):
         return along & jnp.isfinite(self.volume)
 
     def where(self, reached: Bool[Array, "..."]) -> "Dimensions":
-        """Replace the dimensions of impossible states with the placeholder 1.
+        """Replace the dimensions of impossible states with finite placeholders.
 
-        Results at these states must be replaced with nan afterwards. A nan here would, in reverse mode,
-        contaminate the derivatives of all other states with respect to shared parameters.
+        The caller must replace the results for these states with nan. In reverse mode, a nan dimension
+        would contaminate the derivatives of all other states with respect to shared parameters.
         """
         rates = None if self.rates is None else self.rates.where(reached)
         filled = self._filled(reached, 1.0, 2.0)  # a thread is longer than the muscle
@@ -87,22 +87,22 @@ class Dimensions(eqx.Module):
 
 
 class AbstractGeometry(Parametrised):
-    """A geometry, which computes `Dimensions`."""
+    """Base class of all geometries, which compute `Dimensions`."""
 
     @abc.abstractmethod
     def dimensions(self, length: Real, pressure: Real) -> Dimensions:
-        """Return the dimensions at active length L [m] and gauge pressure P [Pa], broadcast shape.
+        """Return the dimensions at active length L [m] and gauge pressure P [Pa]; arguments broadcast.
 
-        Impossible states are nan. `keeps_apart` states whether their derivatives are finite, so that
-        they do not contaminate the derivatives of other states in a batch.
+        The dimensions of impossible states are nan. `keeps_apart` states whether their derivatives are
+        finite, so that they do not contaminate the derivatives of other states in a batch.
         """
 
     @property
     def keeps_apart(self) -> bool:
         """True if impossible states do not affect the derivatives of other states; see `dimensions`.
 
-        If False, a muscle evaluates the dimensions twice, the second time with the rest length in place
-        of impossible lengths.
+        If False, a muscle evaluates the dimensions twice; in the second evaluation, it replaces
+        impossible lengths with the rest length.
         """
         return False
 
@@ -133,13 +133,13 @@ class AbstractGeometry(Parametrised):
             pressure: gauge pressure P [Pa].
 
         Returns:
-            V [m3], broadcast shape; nan at impossible states.
+            V [m3], with the broadcast shape; nan at impossible states.
         """
         at = self.dimensions(length, pressure)
         return at.volume - at.bladder_volume
 
     def braid_limits(self) -> tuple[RealArray, RealArray]:
-        """Return the active lengths [m] at which the unloaded braid locks and its threads are straight.
+        """Return the lengths [m] at which the unloaded braid locks and at which its threads are straight.
 
         The braid locks at the neutral angle, where pressure cannot shorten it further. Once the threads
         are straight, only thread stretch can lengthen the braid.
@@ -164,7 +164,7 @@ class AbstractGeometry(Parametrised):
         """
         raise ValueError(
             f"a {type(self).__name__} cannot be cut to another length: a measured or assumed shape is "
-            "valid for only one length. In your own geometry, define cut_to_length(rest_length)"
+            "valid for only one length. If this is your own class, define cut_to_length(rest_length) in it"
         )
 
 
@@ -173,11 +173,11 @@ def bladder_thickness(length: Real, outer_radius: Real, bladder_volume: Real) ->
 
     Args:
         length: L [m], > 0.
-        outer_radius: R [m] of the bladder.
-        bladder_volume: V [m3] of the rubber, constant.
+        outer_radius: outer radius R [m] of the bladder.
+        bladder_volume: volume V [m3] of the rubber, constant.
 
     Returns:
-        t [m], broadcast shape; nan where the rubber does not fit within the radius.
+        t [m], with the broadcast shape; nan where the rubber does not fit within the radius.
 
     References:
         Chambers 2021, section 6.1.
@@ -236,7 +236,7 @@ class Bladder(Parametrised):
             radius: outer radius [m] of the bladder; mid-wall radius if `embedded`.
 
         Returns:
-            t [m], broadcast shape.
+            t [m], with the broadcast shape.
         """
         if self.embedded:
             return jnp.asarray(self.volume / (2 * jnp.pi * radius * length))
@@ -254,7 +254,7 @@ class Bladder(Parametrised):
             radius: outer radius [m] of the bladder; mid-wall radius if `embedded`.
 
         Returns:
-            eps_c [-], broadcast shape.
+            eps_c [-], with the broadcast shape.
 
         References:
             Chambers 2021, section 6.1.
@@ -278,16 +278,16 @@ def cylinder_dimensions(
     """Return the dimensions of a cylinder with braid radius R [m] and angle theta [rad].
 
     Args:
-        length: L [m]; finite everywhere, as are the next three arguments, all with the same shape.
+        length: L [m]. Length, radius, angle and thread length must be finite and have the same shape.
         radius: braid radius R [m].
         braid_angle: theta [rad].
         thread_length: B [m].
         braid: braid of the muscle.
         bladder: bladder of the muscle.
-        reached: mask of states that the braid can reach; the other states are ignored.
+        reached: mask of the states that the braid can reach; all other states are ignored.
 
     Returns:
-        The dimensions; nan where not `reached` or where the rubber does not fit in the braid.
+        The dimensions; nan where `reached` is False or the rubber does not fit in the braid.
     """
     bladder_radius = radius if bladder.embedded else radius - braid.thickness
     reached = reached & bladder.fits(length, bladder_radius)
@@ -311,7 +311,7 @@ def cylinder_dimensions(
 
 
 class EstimatedGeometry(AbstractGeometry):
-    """A cylinder whose diameter follows from the braid: the estimated geometry.
+    """The estimated geometry: a cylinder whose diameter follows from the braid.
 
     Attributes:
         braid: braid around the bladder.
@@ -326,7 +326,7 @@ class EstimatedGeometry(AbstractGeometry):
 
     @compiled_method
     def dimensions(self, length: Real, pressure: Real) -> Dimensions:
-        """Return the dimensions at active length L [m] and gauge pressure P [Pa], broadcast shape."""
+        """Return the dimensions at active length L [m] and gauge pressure P [Pa]; arguments broadcast."""
         at, thread_length, reached = self.braid.reach(length, pressure)
         radius = diameter_from_length(at, thread_length, self.braid.turns) / 2
         angle = braid_angle_from_length(at, thread_length)
@@ -336,11 +336,11 @@ class EstimatedGeometry(AbstractGeometry):
 
     @property
     def keeps_apart(self) -> bool:
-        """True: impossible states are masked before any computation."""
+        """Always True, because impossible states are masked before any computation."""
         return True
 
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """Return lengths [m] from just below the neutral angle to where the bladder's bore closes."""
+        """Return the range of lengths [m], from just below the neutral length to where the bore closes."""
         inset = 0.0 if self.bladder.embedded else self.braid.thickness
         smallest = 2 * (self.bladder.smallest_braid_radius + inset)
         closed = jnp.pi * self.braid.turns * smallest
@@ -354,7 +354,7 @@ class EstimatedGeometry(AbstractGeometry):
         return self.bladder.rest_length
 
     def cut_to_length(self, rest_length: RealArray) -> "EstimatedGeometry":
-        """Return the same braid and bladder at another length; B0 and N scale with L0."""
+        """Return the same braid and bladder with another rest length; B0 and N scale with L0."""
         new = eqx.error_if(rest_length, jnp.any(rest_length <= 0), "the rest length must be > 0")
         ratio = new / self.bladder.rest_length
         longer = eqx.tree_at(
@@ -365,7 +365,7 @@ class EstimatedGeometry(AbstractGeometry):
         return EstimatedGeometry(longer, dataclasses.replace(self.bladder, rest_length=new))
 
     def parameters(self) -> dict[str, RealArray]:
-        """Return unloaded braid diameter and angle at rest, then other braid and bladder parameters."""
+        """Return diameter and angle of the unloaded braid at rest, then the other parameters."""
         rest, thread = self.rest_length, self.braid.rest_thread_length
         natural = {
             "braid_diameter": diameter_from_length(rest, thread, self.braid.turns),
@@ -382,8 +382,8 @@ class EstimatedGeometry(AbstractGeometry):
     def with_parameters(self, values: Mapping[str, Real]) -> "EstimatedGeometry":
         """Return the geometry with new values for some parameters.
 
-        A new rest length keeps diameter and angle and changes thread length and turns. The mid-wall
-        diameter of an embedded bladder changes with the braid diameter.
+        If the rest length changes, the braid's diameter and angle at rest stay the same, and its thread
+        length and turns change. The mid-wall diameter of an embedded bladder follows the braid diameter.
 
         Raises:
             ValueError: a name is unknown, or a value is an array.
@@ -424,14 +424,14 @@ _LARGEST_FACTOR = 1.4
 
 
 class EndEffectGeometry(AbstractGeometry):
-    """Another geometry evaluated at the length L0 (1 - k eps), for ends that do not contract.
+    """A geometry with ends that do not contract: another geometry evaluated at the length L0 (1 - k eps).
 
-    This is equivalent to a dead length l = L0 (1 - 1/k) at the ends; the strains of the remaining
-    length are k times as large. `volume` is the volume of a cylinder with the shortened length,
-    without the ends; the muscle's own volume changes by 1/k as much.
+    This is equivalent to a dead length l = L0 (1 - 1/k) at the ends; the strains in the remaining
+    length are k times as large. The dimension `volume` is that of a cylinder with the shortened length,
+    without the ends. The volume of the whole muscle changes by only 1/k of that amount.
 
     Attributes:
-        cylinder: geometry of the pulling part, with the muscle's rest length.
+        cylinder: geometry of the part that contracts, with the rest length of the whole muscle.
         end_factor: k [-], 1 for a cylinder, above 1 for rounded ends.
 
     References:
@@ -451,11 +451,11 @@ class EndEffectGeometry(AbstractGeometry):
 
     @property
     def keeps_apart(self) -> bool:
-        """Same value as for the cylinder."""
+        """True if `keeps_apart` is true for the cylinder."""
         return self.cylinder.keeps_apart
 
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """Return the shortest and longest active length [m], mapped back from the cylinder."""
+        """Return the shortest and longest active length [m], converted from those of the cylinder."""
         shortest, longest = (
             tondu_lopez_length(end, self.rest_length, 1 / self.end_factor)
             for end in self.cylinder.length_range()
@@ -470,8 +470,8 @@ class EndEffectGeometry(AbstractGeometry):
     def inner_volume(self, length: Real, pressure: Real) -> RealArray:
         """Return the fluid volume V [m3], V_c(L0) + (V_c(L) - V_c(L0))/k; V_c is the cylinder's volume.
 
-        The derivative of V with respect to length then equals the cylinder's, as virtual work requires.
-        At rest, the ends count as part of the cylinder.
+        The derivative of V with respect to the muscle's length then equals that of V_c with respect to the
+        cylinder's length, as virtual work requires. At rest, the ends are counted as part of the cylinder.
         """
         found = self.dimensions(length, pressure)
         reached = found.reached
@@ -480,7 +480,7 @@ class EndEffectGeometry(AbstractGeometry):
         return jnp.where(reached, volume, jnp.nan)
 
     def braid_limits(self) -> tuple[RealArray, RealArray]:
-        """Return the limits [m] mapped back from the cylinder; rounded ends shift both."""
+        """Return the limits [m], converted from those of the cylinder; rounded ends shift both."""
         rest = self.rest_length
         lock, straight = self.cylinder.braid_limits()
         return rest + (lock - rest) / self.end_factor, rest + (straight - rest) / self.end_factor

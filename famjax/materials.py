@@ -1,4 +1,4 @@
-"""Stress laws of the bladder: true stress as a function of engineering strain."""
+"""Stress laws for the bladder: true stress as a function of engineering strain."""
 
 import abc
 from collections.abc import Callable, Mapping
@@ -14,16 +14,16 @@ from ._arrays import Given, Real, RealArray, as_real, promoting
 from .parameters import Declared, Parametrised, checked_values, number, parameter
 
 STRESS_SCALE = 1e6
-"""Typical magnitude [Pa] of a coefficient, which scales it in a search."""
+"""Typical magnitude [Pa] of a coefficient, used to scale it in a search."""
 
 
 class AbstractMaterial(Parametrised):
     """A bladder material: true stresses as functions of two strains.
 
     Class variables:
-        directions_interact: False if each stress depends on the strain in its own direction only; only
-            such a law has a tangent modulus in one direction.
-        depends_on_pressure: True if the stresses depend on the pressure, so that stability must be
+        directions_interact: False if each stress depends only on the strain in its own direction. Only
+            such a law has a tangent modulus for a single direction.
+        depends_on_pressure: True if the stresses depend on the pressure. In that case, stability must be
             checked at every pressure.
         law_name: name of the law on the command line; "" if it has none.
     """
@@ -49,7 +49,7 @@ class AbstractMaterial(Parametrised):
 
 
 class AbstractUniaxialLaw(AbstractMaterial):
-    """A law without interaction: each true stress depends on the strain in its own direction only."""
+    """A law in which each true stress depends only on the strain in its own direction."""
 
     directions_interact: ClassVar[bool] = False
     depends_on_pressure: ClassVar[bool] = False
@@ -68,14 +68,14 @@ class AbstractUniaxialLaw(AbstractMaterial):
 
 
 class SaturatingMaterial(AbstractUniaxialLaw):
-    """The saturating law, an odd function that is stiff at first and softens to a constant modulus.
+    """The saturating law: an odd function that is stiff at first and softens to a constant modulus.
 
     sigma = E_inf eps + S (1 - exp(-|eps|/s)) sign(eps)
 
     Attributes:
         final_modulus: E_inf [Pa], tangent modulus at large strain.
         saturation_stress: S [Pa], limit of the second term.
-        strain_scale: s [-], > 0, strain scale of the second term.
+        strain_scale: s [-], > 0, strain over which the second term saturates.
 
     >>> law = SaturatingMaterial(2e5, 1e5, 0.2)
     >>> print(f"{law.stress(0.0):.0f} {jax.grad(law.stress)(0.0):.0f}")
@@ -121,7 +121,7 @@ def odd_powers(strain: Real, order: int) -> Float[Array, "... order"]:
 
 
 class PolynomialMaterial(AbstractUniaxialLaw):
-    """The reference work's law, sigma = sum over n of E_n sign(eps) |eps|^n, in both directions.
+    """The reference work's law: sigma = sum over n of E_n sign(eps) |eps|^n in each direction.
 
     Attributes:
         coefficients: E_n [Pa], shape (order,).
@@ -141,17 +141,17 @@ class PolynomialMaterial(AbstractUniaxialLaw):
     law_name: ClassVar[str] = "polynomial"
 
     def __check_init__(self) -> None:
-        """Reject coefficients that do not form one row."""
+        """Reject coefficients that are not a one-dimensional array."""
         shape = np.shape(self.coefficients)
         if len(shape) != 1 or not shape[0]:
             raise ValueError(
-                f"the coefficients E_1, E_2, ... must form one row of shape (order,), got shape {shape}; "
+                f"the coefficients E_1, E_2, ... must be an array of shape (order,), got shape {shape}; "
                 "to create many laws, use jax.vmap"
             )
 
     @classmethod
     def template(cls, *, order: int = 3, **fields: Any) -> "PolynomialMaterial":
-        """Create the law with a given order, cubic by default."""
+        """Create the law with a given order, by default 3."""
         fields.setdefault("coefficients", np.full(order, STRESS_SCALE))
         return super().template(**fields)
 
@@ -163,11 +163,11 @@ class PolynomialMaterial(AbstractUniaxialLaw):
 class PressurePolynomialMaterial(AbstractMaterial):
     """The polynomial law with coefficients that depend on pressure, specified at pressure nodes.
 
-    E_n is interpolated linearly between nodes. With two nodes, the law is linear in pressure and is
-    extrapolated. With more nodes, it is nan outside their range.
+    E_n is interpolated linearly between nodes. With two nodes, it is also extrapolated linearly. With more
+    nodes, the stresses are nan outside the range of the nodes.
 
     Attributes:
-        node_pressures: [Pa], shape (nodes,), increasing, at least two.
+        node_pressures: increasing pressures [Pa] of the nodes, at least two, shape (nodes,).
         node_coefficients: E_n [Pa] at the nodes, shape (nodes, order).
         odd: True for powers sign(eps) |eps|^n; False for plain powers eps^n.
 
@@ -187,7 +187,7 @@ class PressurePolynomialMaterial(AbstractMaterial):
         if self.node_pressures.shape[0] < 2:
             raise ValueError(
                 "a pressure-dependent law needs at least two node pressures, got "
-                f"{self.node_pressures.shape[0]}; use PolynomialMaterial for one"
+                f"{self.node_pressures.shape[0]}; for a single pressure, use PolynomialMaterial"
             )
 
     @promoting
@@ -230,7 +230,7 @@ class AbstractHyperelastic(AbstractMaterial):
 
     @abc.abstractmethod
     def energy(self, axial_stretch: Real, hoop_stretch: Real) -> RealArray:
-        """Return the energy W [J/m3] per unit volume at lambda_z, lambda_c [-] > 0, broadcast shape."""
+        """Return the energy density W [J/m3] at lambda_z, lambda_c [-] > 0, with the broadcast shape."""
 
     @property
     @abc.abstractmethod
@@ -246,7 +246,7 @@ class AbstractHyperelastic(AbstractMaterial):
     def stresses(
         self, axial_strain: Real, hoop_strain: Real, pressure: Real
     ) -> tuple[RealArray, RealArray]:
-        """Return the true (Cauchy) stresses (sigma_z, sigma_c) [Pa], broadcast shape."""
+        """Return the true (Cauchy) stresses (sigma_z, sigma_c) [Pa], with the broadcast shape."""
         axial, hoop, _ = jnp.broadcast_arrays(
             1 + as_real(axial_strain), 1 + as_real(hoop_strain), as_real(pressure)
         )
@@ -256,7 +256,7 @@ class AbstractHyperelastic(AbstractMaterial):
         )
 
     def uniaxial_stress(self, strain: Real) -> RealArray:
-        """Return the true stress [Pa] in a tensile test, sigma = lambda dW/dlambda along lambda^-1/2.
+        """Return the true stress [Pa] in a tensile test: lambda dW/dlambda at lambda_c = lambda^-1/2.
 
         Args:
             strain: eps [-], engineering, > -1.
@@ -293,7 +293,7 @@ class NeoHookeanMaterial(AbstractHyperelastic):
     law_name: ClassVar[str] = "neo-hookean"
 
     def energy(self, axial_stretch: Real, hoop_stretch: Real) -> RealArray:
-        """Return the energy W [J/m3] per unit volume, broadcast shape."""
+        """Return the energy density W [J/m3], with the broadcast shape."""
         I1 = _first_invariant(as_real(axial_stretch), as_real(hoop_stretch))
         return self.shear_modulus / 2 * (I1 - 3)
 
@@ -324,7 +324,7 @@ class MooneyRivlinMaterial(AbstractHyperelastic):
     law_name: ClassVar[str] = "mooney-rivlin"
 
     def energy(self, axial_stretch: Real, hoop_stretch: Real) -> RealArray:
-        """Return the energy W [J/m3] per unit volume, broadcast shape."""
+        """Return the energy density W [J/m3], with the broadcast shape."""
         axial, hoop = as_real(axial_stretch), as_real(hoop_stretch)
         I2 = 1 / axial**2 + 1 / hoop**2 + (axial * hoop) ** 2
         return self.c10 * (_first_invariant(axial, hoop) - 3) + self.c01 * (I2 - 3)
@@ -353,12 +353,12 @@ class YeohMaterial(AbstractHyperelastic):
 
     @classmethod
     def template(cls, *, order: int = 3, **fields: Any) -> "YeohMaterial":
-        """Create the law with a given number of terms, three by default."""
+        """Create the law with a given number of terms, by default 3."""
         fields.setdefault("coefficients", np.full(order, STRESS_SCALE))
         return super().template(**fields)
 
     def energy(self, axial_stretch: Real, hoop_stretch: Real) -> RealArray:
-        """Return the energy W [J/m3] per unit volume, broadcast shape."""
+        """Return the energy density W [J/m3], with the broadcast shape."""
         x = _first_invariant(as_real(axial_stretch), as_real(hoop_stretch)) - 3
         energy = jnp.zeros_like(x)
         for i in reversed(range(self.coefficients.shape[-1])):
@@ -375,7 +375,7 @@ class OgdenMaterial(AbstractHyperelastic):
     """The Ogden law with any number of terms.
 
     W = sum over p of mu_p / alpha_p (lambda_z^alpha_p + lambda_c^alpha_p + lambda_r^alpha_p - 3).
-    Some programs use 2 mu_p / alpha_p^2 as the factor; their mu_p is alpha_p / 2 times the one here.
+    Some programs use the factor 2 mu_p / alpha_p^2; their mu_p is alpha_p / 2 times the mu_p used here.
 
     Attributes:
         moduli: mu_p [Pa], shape (terms,).
@@ -404,7 +404,7 @@ class OgdenMaterial(AbstractHyperelastic):
             )
 
     def energy(self, axial_stretch: Real, hoop_stretch: Real) -> RealArray:
-        """Return the energy W [J/m3] per unit volume, broadcast shape."""
+        """Return the energy density W [J/m3], with the broadcast shape."""
         axial, hoop = as_real(axial_stretch)[..., None], as_real(hoop_stretch)[..., None]
         a = self.exponents
         powers = axial**a + hoop**a + (axial * hoop) ** -a
@@ -414,7 +414,7 @@ class OgdenMaterial(AbstractHyperelastic):
     def stresses(
         self, axial_strain: Real, hoop_strain: Real, pressure: Real
     ) -> tuple[RealArray, RealArray]:
-        """Return true stresses [Pa], sigma_i = sum over p of mu_p (lambda_i^alpha_p - lambda_r^alpha_p)."""
+        """Return the true stresses [Pa], sigma_i = sum_p mu_p (lambda_i^alpha_p - lambda_r^alpha_p)."""
         del pressure
         axial = (1 + as_real(axial_strain))[..., None] ** self.exponents
         hoop = (1 + as_real(hoop_strain))[..., None] ** self.exponents
@@ -431,14 +431,14 @@ class OgdenMaterial(AbstractHyperelastic):
 
     @classmethod
     def template(cls, **fields: Any) -> "OgdenMaterial":
-        """Create the law with one term, which is neo-Hookean."""
+        """Create the law with one term; with the default exponent, it is neo-Hookean."""
         exponent = 2.0
         fields.setdefault("moduli", [2 * STRESS_SCALE / exponent])
         fields.setdefault("exponents", [exponent])
         return super().template(**fields)
 
     def parameters(self) -> dict[str, RealArray]:
-        """Return shear modulus G = mu alpha / 2 and exponent for one term, or every mu_p and alpha_p."""
+        """Return every mu_p and alpha_p; for one term, the shear modulus mu alpha / 2 and the exponent."""
         if self.moduli.shape != (1,):
             return super().parameters()
         return dict(zip(_ONE_TERM, (self.initial_shear_modulus, self.exponents[0]), strict=True))
@@ -448,10 +448,10 @@ class OgdenMaterial(AbstractHyperelastic):
         return super().declared() if self.moduli.shape != (1,) else dict(_ONE_TERM)
 
     def with_parameters(self, values: Mapping[str, Real]) -> "OgdenMaterial":
-        """Return the law with new values; with one term, mu = 2 G / alpha.
+        """Return the law with new values; for one term, mu = 2 G / alpha.
 
-        Exponents within 1e-6 of 0 are shifted by 1e-6, so the limit, Hencky's law, is approximated to
-        about 1e-6.
+        An exponent within 1e-6 of 0 is increased by 1e-6. The limit for an exponent of 0, Hencky's law, is
+        therefore approximated to about 1e-6.
 
         Raises:
             ValueError: a name is unknown, or a value is an array.

@@ -1,4 +1,4 @@
-"""Lengths, areas and volumes of a measured shape, by quadrature along the axis.
+"""Compute lengths, areas and volumes of a measured shape by quadrature along the axis.
 
 A profile is integrated by Gauss-Legendre quadrature after the substitution x = u^2 (3 - 2 u), which
 also handles ends with a vertical tangent, dR/dz ~ 1 / sqrt(z).
@@ -25,13 +25,13 @@ terms, and below 1e-12 for the reference work's profiles."""
 
 
 class Meridian(eqx.Module):
-    """A profile at its quadrature stations, and its integrals.
+    """A profile evaluated at quadrature stations, and its integrals.
 
     Attributes:
         length: L [m].
         radius: R [m], shape (..., stations).
         slope: dR/dz [-], shape (..., stations).
-        weights: quadrature weights, sum 1, shape (stations,).
+        weights: quadrature weights, shape (stations,); they sum to 1.
     """
 
     length: RealArray
@@ -50,7 +50,7 @@ class Meridian(eqx.Module):
         """Evaluate an outline at the quadrature stations.
 
         Args:
-            diameter: D(x, L), such as a profile's method `diameter`.
+            diameter: function D(x, L), such as the method `diameter` of a profile.
             length: active length L [m], > 0.
             order: number of quadrature stations, >= 1.
 
@@ -107,7 +107,7 @@ class Meridian(eqx.Module):
         return jnp.pi * self.length * self.mean(self.radius**2)
 
     def thickness(self, bladder_volume: Real) -> RealArray:
-        """Return the uniform wall thickness t [m] of a bladder with this outer meridian, volume / area.
+        """Return the uniform wall thickness t [m] of a bladder with this outer meridian: volume / area.
 
         References:
             Chambers 2021, section 6.1.
@@ -115,7 +115,7 @@ class Meridian(eqx.Module):
         return jnp.asarray(bladder_volume / self.surface_area)
 
     def axial_strain(self, rest_length: Real) -> RealArray:
-        """Return the axial engineering strain eps_z [-] of this meridian, arc length / L0 - 1.
+        """Return the axial engineering strain eps_z [-] of this meridian: arc length / L0 - 1.
 
         References:
             Chambers 2021, section 6.1.
@@ -126,8 +126,8 @@ class Meridian(eqx.Module):
         """Return the mid-wall hoop engineering strain eps_c [-] of a bladder with this outer meridian.
 
         Args:
-            bladder: its volume sets the wall thickness. For an `embedded` bladder, this meridian lies at
-                mid-wall.
+            bladder: bladder whose volume determines the wall thickness. If it is `embedded`, this meridian
+                lies at mid-wall.
 
         Returns:
             (R - t / 2) / (R_0 - t_0 / 2) - 1 at the stations, shape (..., stations).
@@ -145,8 +145,8 @@ class Meridian(eqx.Module):
             self.radius,
             bore <= 0,
             "the radius of a profile must leave a bore in the bladder, but the rubber fills the bore. "
-            "Check the profile and the bladder's rest diameter, thickness and length, and use one unit "
-            "for all of them",
+            "Check the profile and the bladder's rest diameter, thickness and length, and use the same "
+            "unit for all of them",
         )
         return (radius - inward * thickness) / bladder.rest_mid_radius - 1
 
@@ -166,7 +166,7 @@ def quadrature(order: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _positive(radius: RealArray, must: str) -> RealArray:
-    """Raise an error if a radius or diameter [m] is not positive; nan is kept."""
+    """Raise an error if a radius or diameter [m] is not positive; nan is passed through."""
     return eqx.error_if(
         radius,
         radius <= 0,
@@ -175,19 +175,19 @@ def _positive(radius: RealArray, must: str) -> RealArray:
 
 
 class _OfProfiles(AbstractGeometry):
-    """A geometry based on a family of measured profiles; nan outside `length_range`."""
+    """A geometry based on a family of measured profiles; dimensions are nan outside `length_range`."""
 
     family: eqx.AbstractVar[AbstractMeasuredFamily]
     bladder: eqx.AbstractVar[Bladder]
 
     @property
     def braid(self) -> AbstractBraid:
-        """Braid of the family."""
+        """Braid of the family of profiles."""
         return self.family.braid
 
     @property
     def keeps_apart(self) -> bool:
-        """True: impossible states are masked before any computation."""
+        """Always True, because impossible states are masked before any computation."""
         return True
 
     def length_range(self) -> tuple[RealArray, RealArray]:
@@ -203,11 +203,12 @@ class _OfProfiles(AbstractGeometry):
 class MeasuredGeometry(_OfProfiles):
     """The measured geometry: strains and thickness follow from the bladder's measured outline.
 
-    eps_z = arc length / L0 - 1, t = V / surface area, and eps_c is evaluated at every station. The
-    force terms use the average diameter, with theta = atan(L / (pi N D)). The bladder's outline lies
-    t_braid radially inside the measured outline; for an `embedded` bladder, the two coincide.
+    The axial strain is eps_z = arc length / L0 - 1, the wall thickness is t = V / surface area, and eps_c
+    is evaluated at every station. The force terms use the average diameter D, with
+    theta = atan(L / (pi N D)). The bladder's outline lies inside the measured outline, at a radial distance
+    t_braid; for an `embedded` bladder, the two coincide.
 
-    Outside `length_range` the dimensions are nan.
+    Outside `length_range`, the dimensions are nan.
 
     Attributes:
         family: measured profiles, and the braid that scales them with pressure.
@@ -215,8 +216,8 @@ class MeasuredGeometry(_OfProfiles):
         order: number of quadrature stations.
 
     Raises:
-        RuntimeError: the wall closes the bore within the range of lengths. The error is raised at
-            construction, or in `dimensions` if the numbers are traced.
+        RuntimeError: the wall closes the bore within the range of lengths. The error is raised on
+            construction or, if the numbers are traced, in `dimensions`.
 
     References:
         Chambers 2021, chapter 6, "measured".
@@ -234,7 +235,7 @@ class MeasuredGeometry(_OfProfiles):
 
     @compiled_method
     def dimensions(self, length: Real, pressure: Real) -> Dimensions:
-        """Return the dimensions at active length L [m] and gauge pressure P [Pa], broadcast shape."""
+        """Return the dimensions at active length L [m] and gauge pressure P [Pa]; arguments broadcast."""
         length, pressure, thread_length, reached = _states(self.family, length, pressure)
         bladder, inset = self.bladder, 0.0 if self.bladder.embedded else self.braid.thickness
 
@@ -262,9 +263,9 @@ class MeasuredGeometry(_OfProfiles):
 
 
 class AverageDiameterGeometry(_OfProfiles):
-    """A cylinder with the measured average diameter; only D differs from the estimated geometry.
+    """A cylinder with the measured average diameter: only D differs from the estimated geometry.
 
-    Outside `length_range` the dimensions are nan.
+    Outside `length_range`, the dimensions are nan.
 
     Attributes:
         family: measured profiles, and the braid that scales them with pressure.
@@ -281,7 +282,7 @@ class AverageDiameterGeometry(_OfProfiles):
 
     @compiled_method
     def dimensions(self, length: Real, pressure: Real) -> Dimensions:
-        """Return the dimensions at active length L [m] and gauge pressure P [Pa], broadcast shape."""
+        """Return the dimensions at active length L [m] and gauge pressure P [Pa]; arguments broadcast."""
         length, pressure, thread_length, reached = _states(self.family, length, pressure)
         x, weights = (one.astype(length.dtype) for one in quadrature(self.order))
         diameter = self.family.diameter(x, length[..., None], pressure[..., None])
@@ -296,9 +297,9 @@ class AverageDiameterGeometry(_OfProfiles):
 def _states(
     family: AbstractMeasuredFamily, length: Real, pressure: Real
 ) -> tuple[RealArray, RealArray, RealArray, Bool[Array, "..."]]:
-    """Return lengths [m], pressures [Pa], thread lengths [m] and a mask of known states.
+    """Return lengths [m], pressures [Pa], thread lengths [m] and a mask of states with a known shape.
 
-    Unknown states are replaced with a state in the middle of the measured range.
+    All other states are replaced with a state in the middle of the measured range.
     """
     length, pressure = jnp.broadcast_arrays(as_real(length), as_real(pressure))
     middle = jax.lax.stop_gradient((family.lengths[0] + family.lengths[-1]) / 2)

@@ -1,4 +1,4 @@
-"""Static force models: stiffness, blocked force, equilibrium length, onset pressure."""
+"""Static force models, with stiffness, blocked force, equilibrium length and onset pressure."""
 
 import abc
 import dataclasses
@@ -34,7 +34,7 @@ from .terms import AbstractForceTerm, BladderWall, PressurisedBraid, SumOfTerms
 
 
 class AbstractMuscle(Parametrised):
-    """A static force model: the force at a length and a pressure, and derived quantities.
+    """A static force model: the force at a given length and pressure, and quantities derived from it.
 
     To add your own model, write a class with `force`, `rest_length` and `length_range`. Map its methods
     with `jax.vmap(muscle.force)` and compile them with `eqx.filter_jit(muscle.force)`.
@@ -60,11 +60,11 @@ class AbstractMuscle(Parametrised):
 
     @abc.abstractmethod
     def force(self, length: Real, pressure: Real) -> RealArray:
-        """Return the static force F [N] at length L [m] and gauge pressure P [Pa], broadcast shape.
+        """Return the static force F [N] at length L [m] and gauge pressure P [Pa]; arguments broadcast.
 
-        The force is positive if the muscle pulls, and nan at impossible states, such as a negative
-        length. The derivative there must be 0, so that the derivatives of other states in a batch stay
-        correct.
+        The force is positive if the muscle pulls. It is nan at impossible states, such as a negative
+        length. At these states, its derivatives must be 0, so that the derivatives of other states in a
+        batch stay correct.
         """
 
     @abc.abstractmethod
@@ -74,7 +74,7 @@ class AbstractMuscle(Parametrised):
     def stops(self) -> Float[Array, "2"]:
         """Return the lengths [m] at which the braid locks and at which its threads are straight.
 
-        For a model without a braid, these are the ends of `length_range`.
+        If the model has no braid, these are the ends of `length_range`.
         """
         return jnp.stack(self.length_range())
 
@@ -82,7 +82,7 @@ class AbstractMuscle(Parametrised):
         """Return the fluid volume V [m3] at active length L [m] and gauge pressure P [Pa].
 
         Returns:
-            V, broadcast shape; nan at impossible states.
+            V, with the broadcast shape; nan at impossible states.
 
         Raises:
             InputError: the model has no geometry.
@@ -94,7 +94,7 @@ class AbstractMuscle(Parametrised):
 
     @compiled_method
     def stiffness(self, length: Real, pressure: Real) -> RealArray:
-        """Return the axial stiffness dF/dL [N/m] at constant pressure, broadcast shape.
+        """Return the axial stiffness dF/dL [N/m] at constant pressure, with the broadcast shape.
 
         A positive stiffness resists a change in length.
         """
@@ -105,7 +105,7 @@ class AbstractMuscle(Parametrised):
 
     @compiled_method
     def blocked_force(self, pressure: Real) -> RealArray:
-        """Return the blocked force [N], at zero contraction and gauge pressure P [Pa]."""
+        """Return the blocked force [N]: the force at zero contraction and gauge pressure P [Pa]."""
         return self.force(self.rest_length, pressure)
 
     def length_at_load(self, load: Real, pressure: Real, *, throw: bool = True) -> RealArray:
@@ -117,8 +117,8 @@ class AbstractMuscle(Parametrised):
             throw: if True, raise an error if there is no such length; otherwise return nan.
 
         Returns:
-            L [m], broadcast shape. Differentiable with respect to load, pressure and every parameter
-            of the muscle by the implicit function theorem.
+            L [m], with the broadcast shape. It is differentiable, by the implicit function theorem, with
+            respect to load, pressure and every parameter of the muscle.
 
         Raises:
             RuntimeError: there is no such length, and `throw` is True.
@@ -146,15 +146,15 @@ class AbstractMuscle(Parametrised):
         return jnp.where(known, 1 - jnp.where(known, length, 0.0) / rest, jnp.nan)
 
     def onset_pressure(self, length: Real, highest: Real, *, throw: bool = True) -> RealArray:
-        """Return the onset, the gauge pressure [Pa] at which the force rises from zero at a fixed length.
+        """Return the onset: the gauge pressure [Pa] at which the force at a fixed length rises from zero.
 
         Args:
             length: active length L [m].
-            highest: upper end [Pa] of the search.
+            highest: upper limit [Pa] of the search.
             throw: if True, raise an error if there is no onset; otherwise return nan.
 
         Returns:
-            P [Pa], broadcast shape; differentiable with respect to length and every parameter.
+            P [Pa], with the broadcast shape; differentiable with respect to length and every parameter.
 
         Raises:
             RuntimeError: the force does not cross zero between 0 and `highest`, and `throw` is True.
@@ -184,10 +184,10 @@ class AbstractMuscle(Parametrised):
 
 
 def check_one_muscle(*parts: eqx.Module) -> None:
-    """Reject declared numbers that have more axes than declared.
+    """Reject numbers whose number of axes differs from their declaration.
 
     Args:
-        parts: a muscle, or its components.
+        parts: a muscle, or components of a muscle.
 
     Raises:
         ValueError: a scalar parameter is an array.
@@ -243,12 +243,12 @@ def longest_equilibrium(
 ) -> tuple[RealArray, Bool[Array, ""]]:
     """Find the longest length at which the force of a shortening muscle has fallen to the load.
 
-    The search starts at the longest length, finds the first of 64 cells in which the force falls
-    through the load, and bisects it to machine precision. Derivatives follow from the implicit
+    Starting at the longest length, the search finds the first of 64 cells in which the force falls to
+    the load or below, and bisects that cell to machine precision. Derivatives follow from the implicit
     function theorem, not from the search.
 
     Args:
-        force: F(L) [N] of a scalar length.
+        force: function that returns F [N] at a scalar length L [m].
         shortest: lower end of the range [m], shape ().
         longest: upper end of the range [m], shape ().
         load: load [N], shape ().
@@ -279,14 +279,14 @@ def longest_equilibrium(
 def bisected(
     residual: Callable[[RealArray], RealArray], lower: RealArray, upper: RealArray
 ) -> RealArray:
-    """Find a bracketed root by bisection, differentiable by the implicit function theorem.
+    """Find a bracketed root by bisection; it is differentiable by the implicit function theorem.
 
     Derivatives of any order, forward and reverse, are available with respect to everything that the
-    residual depends on. Without a root in the bracket, some point of the bracket is returned with
-    finite derivatives, which does not affect other elements of a batch.
+    residual depends on. If the bracket contains no root, some point in the bracket is returned; its
+    derivatives are finite, so other elements of a batch are not affected.
 
     Args:
-        residual: r(y) of a scalar, which rises from the lower to the upper end.
+        residual: function r(y) of a scalar; it rises from the lower to the upper end.
         lower: lower end of the bracket, shape ().
         upper: upper end of the bracket, shape ().
 
@@ -309,7 +309,7 @@ def bisected(
 
 
 def required(length: RealArray, found: Bool[Array, "..."], what: str) -> RealArray:
-    """Return the length, or raise an error with the likely causes if no equilibrium was found."""
+    """Return the length; if it was not found, raise an error that names the likely causes."""
     return eqx.error_if(
         length,
         ~found,
@@ -320,18 +320,19 @@ def required(length: RealArray, found: Bool[Array, "..."], what: str) -> RealArr
 
 
 class Muscle(AbstractMuscle):
-    """A fluidic artificial muscle in static equilibrium: a sum of force terms evaluated in a geometry.
+    """A fluidic artificial muscle in static equilibrium: a sum of force terms evaluated for a geometry.
 
     With a pressurised braid and a bladder, this is the force balance
 
     F = F_G(P - P_d) + sigma_z V / L - sigma_c t L^2 / (2 pi R N^2)
 
-    The force is not clipped, because root finding and gradients need a smooth function. Where the force
-    is negative, a real muscle is slack, buckles and does not pull. Below the deadband, the formula is
-    an extrapolation. `SafeMuscle`, predictions and exports return zero force there.
+    The force is not clipped at zero, because root finding and gradients need a smooth function. Where the
+    force is negative, a real muscle is slack: it buckles and does not pull. At pressures below the
+    deadband, the formula is an extrapolation. `SafeMuscle`, predictions and exports return zero instead
+    of a negative force.
 
     Attributes:
-        geometry: source of the dimensions; combines braid and bladder.
+        geometry: geometry that computes the dimensions from braid and bladder.
         terms: force terms, a `SumOfTerms`.
 
     References:
@@ -358,8 +359,8 @@ class Muscle(AbstractMuscle):
         """Create a muscle from force terms, or from the material of its bladder.
 
         Args:
-            geometry: source of the dimensions.
-            terms: a force term, a sum or a sequence of terms; or the bladder material, as shorthand for
+            geometry: geometry that computes the dimensions.
+            terms: a force term, a sum or sequence of terms, or the bladder material, as shorthand for
                 `PressurisedBraid(deadband_pressure) + BladderWall(material)`.
             deadband_pressure: P_d [Pa], allowed only with a material; zero by default.
 
@@ -387,7 +388,7 @@ class Muscle(AbstractMuscle):
         self.terms = SumOfTerms(terms)
 
     def force(self, length: Real, pressure: Real) -> RealArray:
-        """Return the static force F [N] at length L [m] and gauge pressure P [Pa], broadcast shape.
+        """Return the static force F [N] at length L [m] and gauge pressure P [Pa]; arguments broadcast.
 
         The force is nan at impossible states: at a negative length, beyond the thread length, outside
         the measured lengths, and where elastic threads would stretch without limit.
@@ -399,12 +400,12 @@ class Muscle(AbstractMuscle):
         return self.geometry.length_range()
 
     def stops(self) -> Float[Array, "2"]:
-        """Return the lengths [m] at which the braid, if any, locks and its threads are straight."""
+        """Return the lengths [m] at which the braid locks and at which its threads are straight."""
         limits, known = jnp.stack(self.geometry.braid_limits()), jnp.stack(self.length_range())
         return jnp.where(jnp.isfinite(limits), limits, known)
 
     def volume(self, length: Real, pressure: Real) -> RealArray:
-        """Return the fluid volume V [m3], the geometry's `inner_volume`, broadcast shape."""
+        """Return the fluid volume V [m3], the geometry's `inner_volume`; arguments broadcast."""
         return self.geometry.inner_volume(length, pressure)
 
     @property
@@ -431,12 +432,15 @@ class Muscle(AbstractMuscle):
         return self._holding("deadband_pressure")[0].deadband_pressure
 
     def braid_force(self, length: Real, pressure: Real) -> RealArray:
-        """Return the force [N] of the terms with a deadband pressure, broadcast shape."""
+        """Return the total force [N] of the terms with a deadband pressure; arguments broadcast."""
         terms = SumOfTerms(self._holding("deadband_pressure"))
         return _pull(self.geometry, terms, as_real(length), as_real(pressure))
 
     def bladder_force(self, length: Real, pressure: Real) -> RealArray:
-        """Return the force [N] of the terms with a material, broadcast shape; negative if they resist."""
+        """Return the total force [N] of the terms with a material; arguments broadcast.
+
+        The force is negative if these terms resist.
+        """
         terms = SumOfTerms(self._holding("material"))
         return _pull(self.geometry, terms, as_real(length), as_real(pressure))
 
@@ -485,17 +489,18 @@ _LINEAR = 1e-3  # fraction of the reference force below which the deflection is 
 
 
 def give_way(force: Real, compliance: Real, exponent: Real | None = None) -> RealArray:
-    """Return the deflection [m] of mountings and rig under a force [N], broadcast shape.
+    """Return the deflection [m] of mountings and rig under a force [N], with the broadcast shape.
 
-    delta = c F s^(n - 1) with s^2 = (F/100 N)^2 + 0.001^2. The deflection is linear for n = 1 and
-    otherwise approaches c 100 N (F/100 N)^n, as in contacts that grow under load (Hertz 1882: n = 2/3
-    between spheres, 1/2 between a cone and a plane). Below 0.1 N, it is linear for every n, which keeps
-    the stiffness finite. It is an odd function of the force and is smooth everywhere.
+    delta = c F s^(n - 1) with s^2 = (F/100 N)^2 + 0.001^2. The deflection is linear for n = 1. Otherwise,
+    it approaches c 100 N (F/100 N)^n well above 0.1 N, as in contacts whose area grows under load
+    (Hertz 1882: n = 2/3 between spheres, 1/2 between a cone and a plane). Below 0.1 N, the deflection is
+    linear for every n, which keeps the stiffness finite. The deflection is an odd function of the force
+    and is smooth everywhere.
 
     Args:
         force: force [N].
         compliance: secant compliance c [m/N] at 100 N, >= 0.
-        exponent: n > 0; None means 1.
+        exponent: n > 0; None for 1.
     """
     force, compliance = as_real(force), as_real(compliance)
     if exponent is None:
@@ -507,8 +512,8 @@ def give_way(force: Real, compliance: Real, exponent: Real | None = None) -> Rea
 class MountedMuscle(AbstractMuscle):
     """A muscle in series with the compliance of its mountings and the rig.
 
-    F = F_muscle(x - delta(F), P), where x is the measured length. Under load the mountings deflect by
-    delta = c F, or by a power of the force (`give_way`), and the muscle is shorter by delta.
+    F = F_muscle(x - delta(F), P), where x is the measured length. Under load, the mountings deflect by
+    delta = c F, or by a power of the force (see `give_way`), so the muscle is shorter than x by delta.
 
     Attributes:
         muscle: muscle on rigid mountings.
@@ -525,20 +530,21 @@ class MountedMuscle(AbstractMuscle):
     )
 
     def gives_way(self, force: Real) -> RealArray:
-        """Return the deflection [m] of the mountings under a force [N], broadcast shape."""
+        """Return the deflection [m] of the mountings under a force [N], with the broadcast shape."""
         return give_way(force, self.compliance, self.exponent)
 
     def with_muscle(self, muscle: AbstractMuscle) -> "MountedMuscle":
-        """Return another muscle in the same rig."""
+        """Return a different muscle on the same mountings and rig."""
         return MountedMuscle(muscle, self.compliance, self.exponent)
 
     @compiled_method
     def force(self, length: Real, pressure: Real) -> RealArray:
-        """Return the static force F [N] at measured length x [m] and pressure P [Pa], broadcast shape.
+        """Return the static force F [N] at measured length x [m] and pressure P [Pa]; arguments broadcast.
 
-        The force is found by bisection between zero and the rigid force F_muscle(x, P), for a muscle whose
-        force falls as it shortens. It is differentiable to any order with respect to arguments and
-        parameters by the implicit function theorem, and nan if there is no such force.
+        The force is found by bisection between zero and F_muscle(x, P), the force in a rigid rig. The force
+        of the muscle must fall as the muscle shortens. By the implicit function theorem, the result is
+        differentiable to any order with respect to arguments and parameters. It is nan if there is no such
+        force.
         """
 
         def one(length: RealArray, pressure: RealArray) -> RealArray:
@@ -562,7 +568,7 @@ class MountedMuscle(AbstractMuscle):
         return at_each(one, as_real(length), as_real(pressure))
 
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """Return the muscle's length range [m]; without load, the mountings do not deflect."""
+        """Return the length range [m] of the muscle, because the unloaded mountings do not deflect."""
         return self.muscle.length_range()
 
     def stops(self) -> Float[Array, "2"]:
@@ -577,9 +583,9 @@ class MountedMuscle(AbstractMuscle):
         return jnp.where(known, self.muscle.volume(own, pressure), jnp.nan)
 
     def declared(self) -> dict[str, Declared]:
-        """Return the declarations of compliance and muscle; none is linear.
+        """Return the declarations of all parameters; none of them is declared linear.
 
-        The force changes the muscle's length, so it is not affine in any parameter.
+        The force changes the length of the muscle, so the force is not affine in any parameter.
         """
         own = super().declared()
         return {name: dataclasses.replace(one, linear=False) for name, one in own.items()}
@@ -591,11 +597,11 @@ class MountedMuscle(AbstractMuscle):
 
 
 class MeanMuscle(AbstractMuscle):
-    """Weighted mean of several models of the same muscle, F = sum w_i F_i.
+    """The weighted mean of several models of the same muscle, F = sum w_i F_i.
 
     Attributes:
         members: models with the same rest length.
-        weights: w_i [-], sum 1, shape (members,).
+        weights: w_i [-], shape (members,); they sum to 1.
     """
 
     members: tuple[AbstractMuscle, ...]
@@ -606,22 +612,22 @@ class MeanMuscle(AbstractMuscle):
         members: Sequence[AbstractMuscle],
         weights: Sequence[float] | Float[Array, " members"] | None = None,
     ) -> None:
-        """Create a mean; the weights are equal by default.
+        """Create a weighted mean; by default, the weights are equal.
 
         Raises:
-            ValueError: there are no members, or the number of weights differs.
+            ValueError: there are no members, or their number differs from the number of weights.
         """
         self.members, count = tuple(members), len(members)
         self.weights = as_real(jnp.full(count, 1 / max(count, 1)) if weights is None else weights)
         if not count or self.weights.shape != (count,):
             raise ValueError(
-                f"a mean needs members and one weight for each, got {count} members and weights with "
-                f"shape {self.weights.shape}"
+                f"a mean needs at least one member, and one weight per member; got {count} members and "
+                f"weights with shape {self.weights.shape}"
             )
 
     @compiled_method
     def force(self, length: Real, pressure: Real) -> RealArray:
-        """Return the static force F [N] at length L [m] and gauge pressure P [Pa], broadcast shape."""
+        """Return the static force F [N] at length L [m] and gauge pressure P [Pa]; arguments broadcast."""
         L, P = jnp.broadcast_arrays(as_real(length), as_real(pressure))
         count = len(self.members)
         forces = of_each(lambda one, L, P: one.force(L, P), self.members, [L] * count, [P] * count)
@@ -634,7 +640,7 @@ class MeanMuscle(AbstractMuscle):
         return jnp.max(shortest), jnp.min(longest)
 
     def stops(self) -> Float[Array, "2"]:
-        """Return the ends of the range of lengths [m] that lies between the stops of every member."""
+        """Return the shortest and longest length [m] that lie between the stops of every member."""
         each = jnp.stack([one.stops() for one in self.members])
         return jnp.stack([jnp.max(each[:, 0]), jnp.min(each[:, 1])])
 
@@ -658,7 +664,7 @@ def flatten(
 
 
 def number_names(mounted: MountedMuscle) -> tuple[str, ...]:
-    """Return the names of the entries of `flatten`, such as "muscle.geometry.braid.turns"."""
+    """Return the names of the numbers returned by `flatten`, such as "muscle.geometry.braid.turns"."""
     leaves = jax.tree_util.tree_flatten_with_path(eqx.filter(mounted, eqx.is_inexact_array))[0]
     return tuple(
         jax.tree_util.keystr(path).lstrip(".") + "".join(f"[{i}]" for i in index)
@@ -670,17 +676,17 @@ def number_names(mounted: MountedMuscle) -> tuple[str, ...]:
 def cut_to_length(muscle: AbstractMuscle, rest_length: Real) -> AbstractMuscle:
     """Return a muscle with the same construction and another rest length.
 
-    The braid keeps its diameter and angle at rest, so B0 and N scale with L0. The bladder's cross-section,
-    the rubber and the deadband stay the same. Rounded ends keep their dead length l = L0 (1 - 1/k), which
-    does not depend on the length of the muscle.
+    The braid keeps its diameter and angle at rest, so B0 and N scale with L0. The cross-section of the
+    bladder, its material and the deadband stay the same. Rounded ends keep their dead length
+    l = L0 (1 - 1/k), which does not depend on the length of the muscle.
 
     Args:
-        muscle: muscle with an estimated geometry (with or without end effect), an equilibrium shape,
-            or your own geometry with a method `cut_to_length`.
+        muscle: muscle with an estimated geometry (with or without an end effect), with an equilibrium
+            shape, or with your own geometry that has a method `cut_to_length`.
         rest_length: new L0 [m], > 0 and above the dead length.
 
     Returns:
-        The new muscle; differentiable in its length.
+        The new muscle; differentiable with respect to its rest length.
 
     Raises:
         ValueError: the shape was measured or assumed for only one length.

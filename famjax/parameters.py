@@ -1,4 +1,4 @@
-"""Declare numbers as fields of classes, with unit, kind, range and scale."""
+"""Declare the numbers in a class as fields with unit, kind, range and scale."""
 
 import dataclasses
 import math
@@ -32,10 +32,10 @@ _KINDS = {
 
 @dataclasses.dataclass(frozen=True)
 class WithUnit:
-    """Unit and kind of a declared number.
+    """Unit of a declared number.
 
     Attributes:
-        unit: SI unit, "" for a pure number; a tuple of units, one per entry, for an array of mixed units.
+        unit: SI unit, "" for a pure number; for an array with mixed units, a tuple with one unit per entry.
     """
 
     unit: str | tuple[str, ...] = ""
@@ -50,8 +50,8 @@ class Declared(WithUnit):
         name: name in options and reports.
         kind: kind of quantity, which determines the units that a user may choose.
         low, high: plausible range in `unit`; infinite for no limit.
-        scale: magnitude in `unit`, for solvers; None to derive it from range or value.
-        linear: True if the force is jointly affine in all numbers declared linear.
+        scale: typical magnitude in `unit`, for solvers; None to derive it from the range or the value.
+        linear: True if the force is jointly affine in all numbers that are declared linear.
     """
 
     name: str | tuple[str, ...] = ""
@@ -96,17 +96,17 @@ def parameter(
     each entry is a parameter, named by formatting `name` with the index of the entry, counted from 1.
 
     Args:
-        unit: SI unit, such as "Pa", "m", "rad", "N/m"; "" for a pure number; a tuple of units, one per
-            entry, for an array of mixed units.
+        unit: SI unit, such as "Pa", "m", "rad" or "N/m"; "" for a pure number. For an array with mixed
+            units, a tuple with one unit per entry.
         kind: kind of quantity. By default "pressure" for Pa, "length" for m, "angle" for rad, "force"
             for N, "compliance" for m/N, "strain compliance" for 1/N, and the unit itself for any other.
             Use `kind="stress"` for a stress or a modulus.
         low: lower end of the plausible range, in `unit`.
         high: upper end of the plausible range.
-        scale: magnitude, in `unit`; by default derived from the range or the current value.
-        linear: True if the force is jointly affine in this number and all others declared linear.
-        name: name, if it differs from the field's; for arrays, a pattern such as "E_{}", or one name per
-            entry.
+        scale: typical magnitude, in `unit`; by default derived from the range or the current value.
+        linear: True if the force is jointly affine in this number and all others that are declared linear.
+        name: name of the parameter, if it differs from that of the field. For an array, a pattern such as
+            "E_{}", or one name per entry.
         default: default of the field; None for an optional number.
 
     Returns:
@@ -176,13 +176,13 @@ else:
 class Parametrised(eqx.Module, metaclass=_Declaring):
     """A module with declared parameters: its own, and those of the modules in its fields.
 
-    If two parameters have the same name, the later one is prefixed with its field, as in
-    "terms_2.stiffness". A class whose natural parameters are not its fields overrides `parameters`,
-    `declared` and `with_parameters` together.
+    If two parameters have the same name, the later name is prefixed with its field, as in
+    "terms_2.stiffness". A class whose natural parameters are not its fields must override all of
+    `parameters`, `declared` and `with_parameters`.
     """
 
     def parameters(self) -> dict[str, RealArray]:
-        """Return the current values by name, in the declared units, each of shape ()."""
+        """Return the current parameter values by name, in the declared units, each of shape ()."""
         inside: dict[_Where, dict[str, RealArray]] = {
             where: child.parameters() for where, child in _children(self)
         }
@@ -196,7 +196,7 @@ class Parametrised(eqx.Module, metaclass=_Declaring):
         return found
 
     def declared(self) -> dict[str, Declared]:
-        """Return the declarations by name: unit, kind, range, scale, linearity."""
+        """Return the declarations by parameter name: unit, kind, range, scale and linearity."""
         return {name: place.declared for name, place in _places(self).items()}
 
     def with_parameters(self: _Self, values: Mapping[str, Real]) -> _Self:
@@ -234,7 +234,7 @@ class Parametrised(eqx.Module, metaclass=_Declaring):
         return module
 
     def parameter_name(self, field: str, index: tuple[int, ...]) -> str:
-        """Return the name of one entry in a declared field, by default from its declaration.
+        """Return the parameter name of an entry in a declared field, by default from the declaration.
 
         Args:
             field: name of the field.
@@ -254,11 +254,11 @@ class Parametrised(eqx.Module, metaclass=_Declaring):
     def template(cls: type[_Self], **fields: Any) -> _Self:
         """Create an instance with every scalar parameter in the middle of its range.
 
-        With only one finite bound, the parameter is one scale inside that bound; with none, it equals its
-        scale.
+        If only one bound is finite, the parameter lies one scale inside that bound. If neither is finite,
+        the parameter equals its scale.
 
         Args:
-            fields: values of fields; required for fields with neither a default nor a declaration.
+            fields: values of fields. They are required for fields with neither a default nor a declaration.
 
         Raises:
             ValueError: a missing field has no default and is not a scalar parameter.
@@ -287,7 +287,7 @@ class Parametrised(eqx.Module, metaclass=_Declaring):
 
 
 def _described(part: eqx.Module) -> list[str]:
-    """Describe a module in lines: its class, then every field with value and unit."""
+    """Describe a module in lines of text: its class, then every field with value and unit."""
     lines = [type(part).__name__]
     for field in dataclasses.fields(part):
         value, spec = getattr(part, field.name), declaration(field)
@@ -306,7 +306,7 @@ def _described(part: eqx.Module) -> list[str]:
 
 
 def _middle(declared: Declared) -> float:
-    """Return the middle of a range, or a value one scale inside its only finite bound, or the scale."""
+    """Return the middle of a range, a value one scale inside its only finite bound, or the scale."""
     scale = 1.0 if declared.scale is None else declared.scale
     low, high = declared.low, declared.high
     if math.isinf(high):
@@ -315,7 +315,7 @@ def _middle(declared: Declared) -> float:
 
 
 def checked_values(module: Parametrised, values: Mapping[str, Real]) -> dict[str, RealArray]:
-    """Return the values as scalars.
+    """Check parameter values by name, and return them as scalar arrays.
 
     Raises:
         ValueError: a name is unknown, or a value is an array.
@@ -335,7 +335,7 @@ def checked_values(module: Parametrised, values: Mapping[str, Real]) -> dict[str
 
 
 _Where: TypeAlias = tuple[str, int | None]
-"""A field, and the index in it if it holds several modules."""
+"""A field, and an index into the field if it contains several modules."""
 
 
 class _Place(NamedTuple):
@@ -343,7 +343,7 @@ class _Place(NamedTuple):
 
     Attributes:
         declared: declaration with its name.
-        where: field of the module that holds the parameter or its child module.
+        where: field of the module that contains the parameter, or the child module with the parameter.
         entry: index in an array, or name within the child module.
     """
 
@@ -375,7 +375,7 @@ def _places(module: Parametrised) -> dict[str, _Place]:
 
 
 def _children(module: Parametrised) -> Iterator[tuple[_Where, Parametrised]]:
-    """Yield the modules in the fields of a module, including those in tuples and lists."""
+    """Yield the child modules in the fields of a module, including those in tuples and lists."""
     for field in dataclasses.fields(module):
         value = getattr(module, field.name, None)
         if isinstance(value, Parametrised):
@@ -394,15 +394,15 @@ _Model = TypeVar("_Model", bound=Parametrised)
 
 
 class Apart(eqx.Module, Generic[_Model]):
-    """The scaled and bounded free parameters of a model, and the model itself.
+    """A model, and its free parameters with their bounds, all scaled to order one.
 
     A parameter with two finite bounds is scaled to 0 at the lower bound and 1 at the upper bound. Any
     other parameter is divided by its scale.
 
     Attributes:
-        whole: the model; its other parameters do not change.
+        whole: the model; its other parameters keep their values.
         names: names of the free parameters.
-        scaled: scaled current values, shape (free,).
+        scaled: current values, scaled, shape (free,).
         low, high: scaled bounds, shape (free,); infinite for no bound.
         offset, scale: value = offset + scale * scaled, in the declared units, shape (free,).
     """
@@ -421,23 +421,23 @@ class Apart(eqx.Module, Generic[_Model]):
         return self.offset + self.scale * self.scaled
 
     def values(self, scaled: Real) -> dict[str, RealArray]:
-        """Return the parameters by name, in their declared units."""
+        """Return the values of the free parameters by name, in the declared units."""
         values = self.offset + self.scale * as_real(scaled)
         return {name: values[i] for i, name in enumerate(self.names)}
 
     def muscle(self, scaled: Real) -> _Model:
         """Return the model with these scaled parameters; works under jit, grad and vmap.
 
-        The caller must keep `scaled` between `low` and `high`, or work in R^n with `unbounded` and
+        The caller must keep `scaled` between `low` and `high`. To work in R^n instead, use `unbounded` and
         `scaled_from_unbounded`.
         """
         return self.whole.with_parameters(self.values(scaled))
 
     def scaled_from_unbounded(self, z: Real) -> Float[Array, " free"]:
-        """Map R^n to the box, smoothly and one to one: scaled parameters strictly within their bounds.
+        """Map z in R^n, smoothly and one to one, to scaled parameters strictly within their bounds.
 
-        The map is a logistic curve between two bounds, softplus for one bound, and the identity without
-        bounds.
+        For a parameter with two bounds, the map is a logistic curve; with one bound, it is softplus; and
+        without bounds, it is the identity.
         """
         z = as_real(z)
         lower, upper, low, high = self._ends
@@ -446,7 +446,7 @@ class Apart(eqx.Module, Generic[_Model]):
 
     @property
     def unbounded(self) -> Float[Array, " free"]:
-        """The z of the current values: the inverse of `scaled_from_unbounded`.
+        """The point z in R^n that `scaled_from_unbounded` maps to the current values.
 
         Raises:
             ValueError: a current value is not strictly within its bounds.
@@ -467,7 +467,7 @@ class Apart(eqx.Module, Generic[_Model]):
 
     @property
     def _ends(self) -> tuple[Bool[Array, " free"], Bool[Array, " free"], RealArray, RealArray]:
-        """Return which parameters have lower and upper bounds, and the bounds; 0 if infinite."""
+        """Return masks of the parameters with lower and upper bounds, and the bounds; 0 if infinite."""
         lower, upper = jnp.isfinite(self.low), jnp.isfinite(self.high)
         return lower, upper, jnp.where(lower, self.low, 0.0), jnp.where(upper, self.high, 0.0)
 
@@ -478,15 +478,15 @@ def take_apart(
     *,
     bounds: Mapping[str, tuple[float, float]] | None = None,
 ) -> Apart[_Model]:
-    """Split a model into a vector of free parameters, scaled to order one and bounded, and the rest.
+    """Split a model into a vector of bounded free parameters, scaled to order one, and the rest.
 
     Args:
         model: a muscle, or any other module with declared parameters.
         free: names of the parameters that may change; by default all declared ones.
-        bounds: (low, high) in the declared units by name, instead of the declared ranges.
+        bounds: (low, high) by name, in the declared units, in place of the declared ranges.
 
     Returns:
-        `Apart` with `.scaled`, `.low`, `.high`, `.names`, and the inverse `.muscle(scaled)`.
+        `Apart` with `.scaled`, `.low`, `.high` and `.names`, and with the inverse, `.muscle(scaled)`.
 
     Raises:
         ValueError: a name is unknown or repeated, a bounded parameter is not free, or a lower bound is
@@ -534,7 +534,7 @@ def take_apart(
 
 
 def _scale(declared: Declared, value: RealArray) -> RealArray:
-    """Return the declared scale, or else the magnitude of the current value, or 1 if it is zero."""
+    """Return the declared scale; if there is none, the magnitude of the value, or 1 for a value of 0."""
     if declared.scale is not None:
         return jnp.asarray(declared.scale, value.dtype)
     size = jax.lax.stop_gradient(jnp.abs(value))
@@ -542,5 +542,5 @@ def _scale(declared: Declared, value: RealArray) -> RealArray:
 
 
 def _inverse_softplus(x: RealArray) -> RealArray:
-    """Return z with log(1 + exp(z)) = x > 0."""
+    """Return the z for which log(1 + exp(z)) = x > 0."""
     return x + jnp.log(-jnp.expm1(-x))

@@ -1,4 +1,4 @@
-"""Plans for `famjax simulate`: a plant's circuit and friction, read from a TOML file."""
+"""Read the circuit and the friction of a plant from a plan for `famjax simulate`, a TOML file."""
 
 import dataclasses
 from pathlib import Path
@@ -14,7 +14,7 @@ _UNITS = {"Pa": "pressure", "s": "time", "m": "length", "N": "force", "m3": "vol
 
 
 def read_plan(plan: Path) -> dict[str, Any]:
-    """Read the tables in a plan.
+    """Read the tables in a plan file.
 
     Raises:
         InputError: the file is missing, is not valid TOML, or has an unknown table.
@@ -28,12 +28,12 @@ def read_plan(plan: Path) -> dict[str, Any]:
 
 
 def read_plant(plan: Path, muscle: SafeMuscle) -> plant.Plant:
-    """Build a plant with a prescribed muscle length from a muscle and a plan's circuit and friction.
+    """Build a plant with a prescribed length from a muscle and from the circuit and friction in a plan.
 
     The tables [load] and [[step]] are ignored.
 
     Raises:
-        InputError: see `read_plan`, or a table is invalid.
+        InputError: the plan cannot be read (see `read_plan`), or a table is invalid.
     """
     tables = read_plan(plan)
     circuit, friction = circuit_of(tables, plan), friction_of(tables, plan, muscle)
@@ -51,14 +51,14 @@ def circuit_of(tables: dict[str, Any], plan: Path) -> plant.AbstractCircuit:
 
 
 def friction_of(tables: dict[str, Any], plan: Path, muscle: SafeMuscle) -> Any:
-    """Build the friction from the table [friction]; without it, return the muscle's hysteresis."""
+    """Build the friction from the table [friction]; without this table, return the muscle's hysteresis."""
     if "friction" in tables:
         return _with_numbers(plant.DahlFriction(), tables["friction"], f"{plan}: [friction]: ")
     return muscle.hysteresis
 
 
 def _with_numbers(part: Any, entries: dict[str, Any], where: str) -> Any:
-    """Override a component's parameters with table entries, in SI or in the unit given in each key."""
+    """Replace parameters of a component with the entries of a table, in SI or in the unit in each key."""
     declared = part.declared()
     kinds = {name: _UNITS[one.unit] for name, one in declared.items() if one.unit in _UNITS}
     table = dataclasses.make_dataclass("table", [(n, float | None, None) for n in declared])

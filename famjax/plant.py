@@ -1,11 +1,11 @@
-"""Dynamics: fluid circuits, friction, loads and a pressure controller.
+"""Dynamic models: fluid circuits, friction, loads and a pressure controller.
 
-A circuit is a lumped volume at one pressure. A step advances its fluid and the momentum of the load:
+A circuit is a lumped volume at one pressure. Each step advances its fluid and the momentum of the load:
 
     d/dt [(V(L, P) + V_dead) w(P)] = Q(P) w(P),    I dv/dt = sum r F - k (q - q_0) - c v + W
 
-Here w is the density of the fluid relative to that at the beginning of the step. Fluid is conserved to
-within rounding, and no derivative of the volume is needed.
+Here w is the density of the fluid, divided by its density at the beginning of the step. Fluid is
+conserved to within rounding, and no derivative of the volume is needed.
 """
 
 import abc
@@ -43,19 +43,20 @@ _BAR = 1e5  # Pa, scale of a pressure
 
 
 def choked_share(drop: Real, critical_ratio: Real) -> RealArray:
-    """Return the ratio of an orifice's flow to its choked flow, per ISO 6358; odd, and smooth at zero.
+    """Return the ratio of an orifice's flow to its choked flow (ISO 6358); odd and smooth at zero drop.
 
         psi = 1 up to the critical ratio b of r = p_2/p_1, sqrt(1 - ((r - b)/(1 - b))^2) above it
 
-    Above r = 0.95, the slope of the ellipse is unbounded. There, psi is the odd cubic in the drop 1 - r
-    with the same value and slope at 0.95. It is 10 % below the ellipse at r = 0.97, and 45 % at 0.99.
+    Above r = 0.95, the slope of the ellipse grows without limit. In this range, psi is the odd cubic in the
+    drop 1 - r that has the same value and slope at r = 0.95. The cubic is 10 % below the ellipse at
+    r = 0.97 and 45 % below it at r = 0.99.
 
     Args:
         drop: (p_1 - p_2) divided by the larger absolute pressure; negative for flow from 2 to 1.
         critical_ratio: b [-], between 0 and 0.95.
 
     Returns:
-        psi, from -1 to 1, broadcast shape.
+        psi, from -1 to 1, with the broadcast shape.
 
     References:
         ISO 6358-1:2013, equations 1 and 2.
@@ -74,10 +75,10 @@ def choked_share(drop: Real, critical_ratio: Real) -> RealArray:
 
 
 class AbstractCircuit(Parametrised):
-    """A muscle's fluid supply: an actuator with a lag, a dump valve and a dead volume.
+    """The fluid supply of a muscle: a valve or pump with a lag, a dump valve and a dead volume.
 
     Attributes:
-        lag: time constant [s] of the actuator.
+        lag: time constant [s] of the actuator, which is the valve or the pump.
         dump_lag: time constant [s] of the dump valve.
         dead_volume: volume [m3] of hose and fittings.
     """
@@ -100,53 +101,53 @@ class AbstractCircuit(Parametrised):
 
     @abc.abstractmethod
     def opening(self, signal: Real) -> RealArray:
-        """Return the final position of the actuator at a signal from 0 to 1."""
+        """Return the position that the actuator finally reaches at a constant signal from 0 to 1."""
 
     @abc.abstractmethod
     def flow(self, pressure: Real, opening: Real, dump: Real) -> RealArray:
-        """Return the flow Q [m3/s] into the muscle, measured at its pressure.
+        """Return the volume flow Q [m3/s] into the muscle, at the pressure in the muscle.
 
         Args:
             pressure: gauge pressure P [Pa] in the muscle.
-            opening: position of the actuator.
+            opening: position of the actuator, see `opening`.
             dump: opening of the dump valve, 0 to 1.
         """
 
     @abc.abstractmethod
     def density(self, pressure: Real, reference: Real) -> RealArray:
-        """Return the fluid's density at one gauge pressure [Pa], divided by that at another."""
+        """Return the fluid's density at a gauge pressure [Pa], divided by that at a reference pressure."""
 
     def pressure(self, root: RealArray) -> RealArray:
-        """Return the gauge pressure [Pa] for a value of the step's unknown."""
+        """Return the gauge pressure [Pa] for a value of the variable that a step solves for."""
         return root
 
     def root(self, pressure: Real) -> RealArray:
-        """Return the step's unknown for a gauge pressure [Pa]: the inverse of `pressure`."""
+        """Return the variable that a step solves for, at a gauge pressure [Pa]; inverts `pressure`."""
         return as_real(pressure)
 
 
 class PneumaticCircuit(AbstractCircuit):
-    """Air supply with a 5/3 proportional valve that fills above the bias, vents below it and leaks at it.
+    """Air supply with a 5/3 proportional valve: it fills above the bias, vents below it and always leaks.
 
-        Q = p_N C p_1 psi(p_2/p_1)/p from the supply and to the atmosphere, either way; p V^n constant
+        Q = p_N C p_1 psi(p_2/p_1)/p from the supply and to the atmosphere, either way; p V^n = const.
 
-    The gas temperature enters only through the polytropic exponent n. Hose resistance and pressure waves
-    are neglected, as are valve dynamics other than a lag.
+    The gas temperature enters only through the polytropic exponent n. Hose resistance, pressure waves and
+    valve dynamics other than a lag are neglected.
 
     Attributes:
-        supply: gauge pressure [Pa] (Chambers 2021, section 3.2: 115 psi).
-        conductance: sonic conductance C [m3/(s Pa)] of the open valve; ASSUMED, 100 normal litres per
-            minute from 6 to 5 bar gauge.
-        critical_ratio: b [-]; ASSUMED.
-        bias: signal at which the valve is closed (2.5 V of 0 to 5 V, chapter 3).
+        supply: gauge pressure [Pa] of the supply (Chambers 2021, section 3.2: 115 psi).
+        conductance: sonic conductance C [m3/(s Pa)] of the fully open valve; ASSUMED, 100 normal litres
+            per minute from 6 to 5 bar gauge.
+        critical_ratio: critical pressure ratio b [-]; ASSUMED.
+        bias: signal at which the valve is closed (chapter 3: 2.5 V in the range from 0 to 5 V).
         dead_band: signal change on either side of the bias that has no effect; ASSUMED.
-        leak: fraction of C that is always open to supply and atmosphere; ASSUMED.
+        leak: fraction of C that is always open to the supply and to the atmosphere; ASSUMED.
         lag: time constant [s] of the spool; ASSUMED.
-        exponent: polytropic n [-], between isothermal 1 and adiabatic 1.4; ASSUMED.
+        exponent: polytropic exponent n [-], from 1 (isothermal) to 1.4 (adiabatic); ASSUMED.
         dead_volume: volume [m3] of hose and fittings; ASSUMED.
-        dump_conductance: C [m3/(s Pa)] of the open dump valve; ASSUMED.
+        dump_conductance: sonic conductance [m3/(s Pa)] of the open dump valve; ASSUMED.
         dump_lag: time constant [s] of the dump valve; ASSUMED.
-        atmosphere: absolute pressure [Pa].
+        atmosphere: absolute pressure [Pa] of the atmosphere.
 
     References:
         ISO 6358-1:2013, equations 1 and 2.
@@ -166,14 +167,14 @@ class PneumaticCircuit(AbstractCircuit):
     atmosphere: Float[Given, ""] = number("Pa", default=ATMOSPHERE)
 
     def opening(self, signal: Real) -> RealArray:
-        """Return the final position of the spool, from -1 (vent) to 1 (fill)."""
+        """Return the position that the spool finally reaches, from -1 (vent) to 1 (fill)."""
         above = signal - self.bias
         beyond = jnp.maximum(jnp.abs(above) - self.dead_band, 0.0)
         whole = jnp.where(above > 0, 1 - self.bias, self.bias)
         return jnp.sign(above) * beyond / (whole - self.dead_band)
 
     def flow(self, pressure: Real, opening: Real, dump: Real) -> RealArray:
-        """Return the flow Q [m3/s] into the muscle, measured at its pressure."""
+        """Return the volume flow Q [m3/s] into the muscle, at the pressure in the muscle."""
         p = pressure + self.atmosphere
         filling = self.leak + jnp.maximum(opening, 0.0)
         venting = self.leak + jnp.maximum(-opening, 0.0)
@@ -185,32 +186,33 @@ class PneumaticCircuit(AbstractCircuit):
         return ANR_PRESSURE * (self.conductance * filling * enters - vents * leaves) / p
 
     def density(self, pressure: Real, reference: Real) -> RealArray:
-        """Return (p/p_0)^(1/n) of the absolute pressures."""
+        """Return the density ratio (p/p_0)^(1/n), where p and p_0 are absolute pressures."""
         p, p_0 = pressure + self.atmosphere, reference + self.atmosphere
         return jnp.exp(jnp.log(p / p_0) / self.exponent)
 
 
 class HydraulicCircuit(AbstractCircuit):
-    """Water supply with a gear pump and a needle valve outlet: pump speed sets flow and pressure.
+    """Water supply with a gear pump and a needle valve at the outlet; pump speed sets flow and pressure.
 
         Q = D w - K u - G P_c log(1 + exp((P - P_r)/P_c)),    P = u sqrt(u^2 + P_l)
 
-    Well above P_l = 20 Pa, u is the square root of P, within 0.1 % at 5 kPa. Below P_l, u is linear in P,
-    as in laminar flow. The relief valve opens gradually over a range of P_c = 1 kPa about P_r, and passes
-    G (P - P_r) well above it. Water inertia, pump leakage and the pressure in the return line are
-    neglected. Water cannot flow back through the pump.
+    Well above P_l = 20 Pa, u is the square root of P, to within 0.1 % at 5 kPa. Below P_l, u is linear in
+    P, as in laminar flow. The relief valve opens gradually over a range of P_c = 1 kPa about P_r. Well
+    above P_r, it passes the flow G (P - P_r). Water inertia, pump leakage and the pressure in the return
+    line are neglected. Water cannot flow back through the pump.
 
     Attributes:
-        displacement: D [m3/rev] of the pump; ASSUMED.
+        displacement: displacement D [m3/rev] of the pump; ASSUMED.
         full_speed: pump speed [rev/s] at full signal (chapter 3: 5000 rpm).
         lag: time constant [s] of the pump; ASSUMED.
-        needle: K [m3/(s Pa^0.5)]; 0 for a closed needle valve. ASSUMED: 80 % of full speed holds 100 psi.
-        bulk_modulus: beta [Pa] of water, hose and bladder with some air; ASSUMED.
+        needle: K [m3/(s Pa^0.5)] of the needle valve, 0 if it is closed; ASSUMED, so that 80 % of full
+            speed maintains 100 psi.
+        bulk_modulus: effective bulk modulus beta [Pa] of hose, bladder and water with some air; ASSUMED.
         dead_volume: volume [m3] of hose and fittings; ASSUMED.
-        relief: gauge pressure [Pa] at which the relief valve opens (chapter 3: 110 psi); None without a
-            relief valve. A software limit does not replace it.
-        relief_conductance: relief valve flow per unit of excess pressure [m3/(s Pa)]; ASSUMED.
-        dump: K [m3/(s Pa^0.5)] of the open dump valve; 0 without one; ASSUMED.
+        relief: gauge pressure P_r [Pa] at which the relief valve opens (chapter 3: 110 psi); None if there
+            is no relief valve. A software limit is no substitute for a relief valve.
+        relief_conductance: G [m3/(s Pa)], flow of the relief valve per unit of excess pressure; ASSUMED.
+        dump: K [m3/(s Pa^0.5)] of the open dump valve, 0 if there is none; ASSUMED.
         dump_lag: time constant [s] of the dump valve; ASSUMED.
     """
 
@@ -228,7 +230,7 @@ class HydraulicCircuit(AbstractCircuit):
     dump_lag: Float[Given, ""] = parameter("s", low=1e-4, high=0.5, default=0.015)
 
     def opening(self, signal: Real) -> RealArray:
-        """Return the final pump speed, as a fraction of full speed."""
+        """Return the speed that the pump finally reaches, as a fraction of full speed."""
         return as_real(signal)
 
     def flow(self, pressure: Real, opening: Real, dump: Real) -> RealArray:
@@ -240,11 +242,11 @@ class HydraulicCircuit(AbstractCircuit):
         return self.displacement * self.full_speed * opening - leaves
 
     def density(self, pressure: Real, reference: Real) -> RealArray:
-        """Return exp((P - P_0)/beta)."""
+        """Return the density ratio exp((P - P_0)/beta)."""
         return jnp.exp((pressure - reference) / self.bulk_modulus)
 
     def pressure(self, root: RealArray) -> RealArray:
-        """Return the gauge pressure P [Pa] for u."""
+        """Return the gauge pressure P [Pa] for a value of u."""
         return root * jnp.sqrt(root**2 + LAMINAR)
 
     def root(self, pressure: Real) -> RealArray:
@@ -253,7 +255,7 @@ class HydraulicCircuit(AbstractCircuit):
         return P * jnp.sqrt(2 / (LAMINAR + jnp.sqrt(LAMINAR**2 + 4 * P**2)))
 
     def steady_signal(self, pressure: float) -> float:
-        """Return the signal that holds a gauge pressure [Pa]."""
+        """Return the signal that maintains a gauge pressure [Pa]."""
         full = self.displacement * self.full_speed
         return float(self.needle * self.root(pressure) / full)
 
@@ -278,11 +280,11 @@ class DahlFriction(Parametrised):
     travel: Float[Given, ""] = parameter("m", low=1e-6, high=0.05, default=2e-4)
 
     def start(self, length: Real, pressure: Real) -> Float[Array, "2"]:  # noqa: ARG002
-        """Return the initial state: length [m], and z = 0."""
+        """Return the initial state: the length [m] and z = 0."""
         return jnp.stack([as_real(length), jnp.zeros_like(as_real(length))])
 
     def moved(self, state: Float[Array, "2"], length: Real, pressure: Real) -> Float[Array, "2"]:  # noqa: ARG002
-        """Return length [m] and z after a monotone motion."""
+        """Return the state, length [m] and z, after a monotone motion."""
         way = length - state[0]
         towards = jnp.sign(way)
         z = towards + (state[1] - towards) * jnp.exp(-jnp.abs(way) / self.travel)
@@ -295,7 +297,7 @@ class DahlFriction(Parametrised):
         pressure: Real,  # noqa: ARG002
         force: Real,
     ) -> RealArray:
-        """Return F_f [N] at a static force [N]; positive after lengthening."""
+        """Return the friction F_f [N] at a static force [N]; positive after lengthening."""
         return (self.dry + self.share * jnp.abs(force)) * state[1]
 
 
@@ -303,7 +305,7 @@ class DahlFriction(Parametrised):
 
 
 class DrivenLength(eqx.Module):
-    """A machine that holds the muscle or moves it at the commanded rate dL/dt [m/s]."""
+    """A testing machine that holds the muscle, or moves it at the commanded rate dL/dt [m/s]."""
 
     moves = False
 
@@ -321,12 +323,13 @@ class MovingLoad(Parametrised):
 
     Attributes:
         inertia: I [kg], or [kg m2] for a joint.
-        radius: r of each muscle, or moment arm [m] in a joint; positive if a pull raises q, shape (n,).
+        radius: r of each muscle; in a joint, its moment arm [m]. It is positive if the muscle increases q
+            when it pulls; shape (n,).
         middle: M, active length [m] of each muscle at q = 0, shape (n,).
-        stiffness: spring stiffness k [N/m], or [N m/rad].
-        relaxed: q_0, position of the relaxed spring.
-        damping: c [N s/m], or [N m s/rad].
-        weight: W [N], or [N m], a constant force that raises q.
+        stiffness: spring stiffness k [N/m], or [N m/rad] for a joint.
+        relaxed: q_0, position at which the spring is relaxed.
+        damping: c [N s/m], or [N m s/rad] for a joint.
+        weight: W [N], or [N m] for a joint, a constant force that increases q.
     """
 
     inertia: Float[Given, ""] = parameter("kg", low=1e-6, high=1e4)
@@ -344,7 +347,7 @@ class MovingLoad(Parametrised):
         cls, mass: Real, *, gravity: Real = 9.80665, stiffness: Real = 0.0, relaxed: Real = 0.0,
         damping: Real = 0.0,
     ) -> "MovingLoad":  # fmt: skip
-        """Create a mass [kg] that hangs from one muscle, with a spring relaxed at a muscle length [m]."""
+        """Create a mass [kg] hung from one muscle, with a spring that is relaxed at a muscle length [m]."""
         weight = as_real(mass) * gravity
         return cls(mass, [-1.0], [0.0], stiffness, relaxed, damping, weight)
 
@@ -358,7 +361,7 @@ class MovingLoad(Parametrised):
         stiffness: Real = 0.0,
         damping: Real = 0.0,
     ) -> "MovingLoad":
-        """Create a joint with two muscles on pulleys with radii [m] > 0 and < 0; lengths [m] at angle 0."""
+        """Create a joint with two muscles, with pulley radii [m] > 0 and < 0 and lengths [m] at angle 0."""
         return cls(inertia, radii, lengths, stiffness, 0.0, damping)
 
     def lengths(self, position: RealArray) -> Float[Array, " n"]:
@@ -380,8 +383,8 @@ class Command(eqx.Module):
     """Commands during one step, or during n steps along a leading axis.
 
     Attributes:
-        signal: signal to the valve or pump, 0 to 1; shape (2,) for two muscles. For a `Regulated` plant,
-            the set pressure [Pa].
+        signal: signal to the valve or pump, 0 to 1; for a `Regulated` plant, the set pressure [Pa]. The
+            shape is (2,) for two muscles.
         dump: 1 opens the dump valve, 0 closes it; same shape as the signal.
         drive: rate dL/dt [m/s] of a `DrivenLength`; external force [N] or torque [N m] on a `MovingLoad`.
     """
@@ -392,7 +395,7 @@ class Command(eqx.Module):
 
 
 class PlantState(eqx.Module):
-    """State of a plant and its measurable quantities; arrays have the shape (2,) for two muscles.
+    """State of a plant, with its measurable quantities; arrays have the shape (2,) for two muscles.
 
     Attributes:
         pressure: gauge pressure P [Pa] of each muscle.
@@ -401,7 +404,7 @@ class PlantState(eqx.Module):
         position: q; the active length L [m] except in a joint.
         velocity: dq/dt.
         force: force [N] of each muscle, including friction.
-        memory: friction states.
+        memory: states of the friction.
     """
 
     pressure: RealArray
@@ -416,22 +419,24 @@ class PlantState(eqx.Module):
 class Plant(Parametrised):
     """One muscle with its circuit and load, or two muscles that turn a joint.
 
-    Each step applies a two-stage diagonally implicit rule to fluid and momentum, second-order and L-stable
-    (Alexander 1977). Lags and driven lengths are exact. The signal is constant during a step. With steps
-    of 2 ms, the pressure is within 0.005 psi RMS of an adaptive solution. The error is up to 0.05 psi
-    when dumped water reaches zero pressure, and 0.1 psi in a tick in which a relief valve closes.
-    The pressure drop between circuit and muscle and the mass of the muscle are neglected.
+    Each step advances fluid and momentum by a two-stage diagonally implicit Runge-Kutta method, which is
+    of second order and L-stable (Alexander 1977). Lags and driven lengths are integrated exactly. The
+    signal is constant during a step. With steps of 2 ms, the pressure is within 0.005 psi RMS of an
+    adaptive solution. The error reaches 0.05 psi when the pressure of dumped water falls to zero, and
+    0.1 psi in a step in which a relief valve closes. The pressure drop between circuit and muscle and the
+    mass of the muscle are neglected.
 
     Attributes:
-        circuit: the muscle's circuit; a tuple of two for a joint.
-        muscle: muscle with `force(length, pressure)` and `volume(length, pressure)`; a tuple of two.
+        circuit: circuit of the muscle; a tuple of two for a joint.
+        muscle: muscle with `force(length, pressure)` and `volume(length, pressure)`; a tuple of two for a
+            joint.
         load: `DrivenLength` or `MovingLoad`.
         friction: `DahlFriction`; a `famjax.slip.MaxwellSlip` or `CentredSlip`, whose contribution to the
             volume is neglected; or None. A tuple of two for a joint.
         viscosity: viscous coefficient [N s/m], force per unit of dL/dt.
 
     References:
-        Alexander 1977, SIAM Journal on Numerical Analysis 14(6), 1006-1021: the rule.
+        Alexander 1977, SIAM Journal on Numerical Analysis 14(6), 1006-1021: the integration method.
 
     >>> plant = Plant(PneumaticCircuit(), LinearMcKibben())
     >>> states = simulate(plant, Command(jnp.full(100, 0.7)), TICK)  # 0.2 s of 3.5 V
@@ -446,7 +451,7 @@ class Plant(Parametrised):
     viscosity: Float[Given, ""] = parameter("N s/m", low=0.0, high=1e5, default=0.0)
 
     def __check_init__(self) -> None:
-        """Reject parts that do not match."""
+        """Reject circuits, loads and frictions that do not match the number of muscles."""
         n = len(self._each(self.muscle))
         arms = self.load.radius.size if self.load.moves else 1
         if {len(self._each(self.circuit)), len(self._frictions), arms} != {n}:
@@ -473,7 +478,7 @@ class Plant(Parametrised):
             pressure: gauge pressure [Pa] of each muscle.
 
         Raises:
-            InputError: the muscle holds no fluid at this position.
+            InputError: the muscle contains no fluid at this position.
         """
         single = not isinstance(self.muscle, tuple)
         shape = () if single else (len(self.muscle),)
@@ -485,8 +490,9 @@ class Plant(Parametrised):
         fluid = self._fluid(lengths, pressures, pressures)
         if not isinstance(fluid, Tracer) and not bool(jnp.all(fluid > 0)):
             raise InputError(
-                f"the muscle must hold fluid where the plant starts, at {lengths} m and {pressures} Pa; "
-                f"with its hose, it holds {fluid} m3. Use a length within its range, or another muscle"
+                f"the muscle must contain fluid at the start, at {lengths} m and {pressures} Pa, but "
+                f"muscle and hose contain {fluid} m3. Start at a length within the muscle's range, or use "
+                "another muscle"
             )
         memory = tuple(
             None if one is None else one.start(L, own)
@@ -541,14 +547,14 @@ class Plant(Parametrised):
         return PlantState(P.reshape(shape), openings, dumps, q, v, force, memory)
 
     def actuators(self, state: PlantState, command: Command) -> Callable[[Real], Any]:
-        """Return a function for the lagged positions of actuators and dump valves at a constant command.
+        """Return a function for the lagged positions of actuators and dump valves under a constant command.
 
         Args:
             state: initial state.
-            command: command of valves or pumps and of dump valves.
+            command: constant command to the valves or pumps and to the dump valves.
 
         Returns:
-            A function of the time [s] since the initial state; it returns both positions [-], shapes (n,).
+            A function of the time [s] since the initial state that returns both positions [-], shapes (n,).
         """
         circuits, shape = self._each(self.circuit), state.pressure.shape
         signals, wanted = (
@@ -665,23 +671,23 @@ def simulate(plant: Any, commands: Command, dt: Real, *, start: Any = None) -> A
 
     Args:
         plant: a `Plant` or a `Regulated` plant.
-        commands: leaves of shape (n,), or (n, 2) for two muscles, or () for constants.
-        dt: step [s].
+        commands: commands, with leaves of shape (n,), (n, 2) for two muscles, or () for a constant.
+        dt: duration of a step [s].
         start: state before the first step; `plant.start()` if omitted.
 
     Returns:
-        The states, each leaf with a leading axis (n,). Differentiable with respect to every number of
-        the plant, the commands and the start.
+        The states, each leaf with a leading axis (n,). They are differentiable with respect to every
+        number in the plant, the commands and the initial state.
 
     Raises:
-        InputError: all commands are constant, or their lengths differ.
+        InputError: all commands are constant, or their numbers of steps differ.
     """
     leaves = jax.tree.leaves(commands)
     counts = {leaf.shape[0] for leaf in leaves if leaf.ndim}
     if len(counts) != 1:
         raise InputError(
-            "commands need one value per step, with the same count in signal, dump and drive; got "
-            f"{counts}"
+            "commands need one value per step, and the same number of steps in signal, dump and drive; got "
+            f"the numbers {counts}"
         )
     return _simulated(plant, commands, as_real(dt), plant.start() if start is None else start)
 
@@ -703,14 +709,14 @@ def _simulated(plant: Any, commands: Command, dt: RealArray, start: Any) -> Any:
 
 
 class SteppedPlant:
-    """A plant with one driven muscle, advanced tick by tick in plain numbers for a simulated device.
+    """A plant with one driven muscle that a simulated device advances tick by tick, in plain numbers.
 
-    A tick runs one compiled program on two small arrays, shared by all plants with the same structure.
-    It takes a quarter of the time of `Plant.step`.
+    Each tick runs one compiled program on two small arrays. All plants with the same structure share the
+    program. A tick takes a quarter of the time of `Plant.step`.
 
     Args:
         plant: plant with a `DrivenLength`.
-        dt: length of a tick [s].
+        dt: duration of a tick [s].
 
     Attributes:
         pressure: gauge pressure P [Pa] in the muscle.
@@ -761,9 +767,9 @@ def _tick(structure: Any, shapes: tuple[tuple[int, ...], ...], static: Any) -> C
 def solve_adaptively(
     plant: Plant, state: PlantState, command: Command, times: Real, *, tolerance: float = 1e-9
 ) -> PlantState:
-    """Return the states at given times under a constant command, by a fifth-order implicit method.
+    """Return the states at given times under a constant command, from a fifth-order implicit method.
 
-    The motion must be monotone. Requires diffrax, from the extra `dynamics`.
+    The motion must be monotone. The package diffrax is required; the extra `dynamics` installs it.
 
     Args:
         plant: the plant.
@@ -821,7 +827,7 @@ class ControllerState(eqx.Module):
     """State of a `PressureController`.
 
     Attributes:
-        integral: I, as a fraction of the full output.
+        integral: integral I, as a fraction of the full output.
         total: sum of the errors [Pa] over the ticks in the current record.
         phase: number of ticks completed in the current record.
     """
@@ -834,14 +840,14 @@ class ControllerState(eqx.Module):
 class PressureController(Parametrised):
     """The firmware's PI controller, with feed-forward: u = v(P) + K_p e + I, dI/dt = K_i e.
 
-    The integral is advanced at the end of each record. Quantisation of converter and output is
-    neglected, as is the 256 psi limit on the error.
+    The integral is updated at the end of each record. The quantisation of converter and output and the
+    256 psi limit on the error are neglected.
 
     Attributes:
         proportional: K_p [1/Pa], as a fraction of the full output.
-        integral: K_i [1/(Pa s)].
+        integral: K_i [1/(Pa s)], as a fraction of the full output.
         feed_forward: coefficients of v(P) in increasing powers of the set pressure [Pa], shape (k,).
-        low, high: limits of I.
+        low, high: limits of the integral I.
         ticks: number of ticks in a record.
 
     References:
@@ -869,7 +875,7 @@ class PressureController(Parametrised):
             state: state before the tick.
             set_pressure: gauge set pressure [Pa].
             pressure: measured gauge pressure [Pa].
-            dt: length of a tick [s].
+            dt: duration of a tick [s].
         """
         error = as_real(set_pressure - pressure)
         total, phase = state.total + error, state.phase + 1
@@ -908,12 +914,12 @@ class Regulated(Parametrised):
     controller: PressureController
 
     def start(self, position: Real | None = None, pressure: Real = 0.0) -> RegulatedState:
-        """Return the plant at rest, with zero output."""
+        """Return the state of the plant at rest, with zero controller output."""
         at = self.plant.start(position, pressure)
         return RegulatedState(at, self.controller.start(), jnp.zeros_like(at.pressure))
 
     def step(self, state: RegulatedState, command: Command, dt: Real) -> RegulatedState:
-        """Advance the plant under the current output, then the controller by one tick."""
+        """Advance the plant under the current controller output, then the controller by one tick."""
         own = Command(state.signal, command.dump, command.drive)
         after = self.plant.step(state.plant, own, dt)
         controller, signal = self.controller.step(
@@ -930,14 +936,15 @@ class LinearMcKibben(AbstractMuscle):
 
         V = (B^2 L - L^3)/(4 pi N^2) - V_solid,  F = max(P - P_d, 0)(3 L^2 - B^2)/(4 pi N^2) - k (L0 - L)
 
-    The defaults describe the reference work's 7/8 in muscle. Stiffness and deadband were chosen to match
-    its published blocked force within 5 %, and its free contraction at 40 psi and above within 0.03.
+    The defaults describe the 7/8 in muscle of the reference work. Stiffness and deadband were chosen to
+    match its published blocked force to within 5 %, and its free contraction at 40 psi and above to within
+    0.03.
 
     Attributes:
         rest_length: L0 [m].
         thread_length: B [m].
-        turns: N [-], turns of one thread.
-        solid_volume: volume [m3] of bladder and braid, which holds no fluid.
+        turns: N [-], number of turns of one thread.
+        solid_volume: volume V_solid [m3] of bladder and braid.
         bladder_stiffness: k [N/m]; ASSUMED.
         deadband_pressure: P_d [Pa]; ASSUMED.
 
@@ -953,18 +960,22 @@ class LinearMcKibben(AbstractMuscle):
     deadband_pressure: Float[Given, ""] = parameter("Pa", low=0.0, default=3.3 * PSI)
 
     def force(self, length: Real, pressure: Real) -> RealArray:
-        """Return the static force F [N], broadcast shape."""
+        """Return the static force F [N], with the broadcast shape."""
         area = (3 * as_real(length) ** 2 - self.thread_length**2) / self._four
         spring = self.bladder_stiffness * (self.rest_length - length)
         return jnp.maximum(pressure - self.deadband_pressure, 0.0) * area - spring
 
     def volume(self, length: Real, pressure: Real) -> RealArray:
-        """Return the fluid volume V [m3], broadcast shape."""
+        """Return the fluid volume V [m3], with the broadcast shape."""
         L = as_real(length) + jnp.zeros_like(as_real(pressure))
         return (self.thread_length**2 * L - L**3) / self._four - self.solid_volume
 
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """Return lengths [m] from just below neutral to 2 % above L0, or halfway to B if that is less."""
+        """Return the shortest and longest active length [m] for the equilibrium search.
+
+        The range extends from just below the neutral length to 2 % above L0, or halfway to B if that is
+        shorter.
+        """
         longest = (self.rest_length + self.thread_length) / 2
         neutral = self.thread_length / math.sqrt(3)
         return 0.95 * neutral, jnp.minimum(1.02 * self.rest_length, longest)

@@ -15,11 +15,11 @@ class AbstractProfile(Parametrised):
 
     @abc.abstractmethod
     def diameter(self, x: Real, length: Real) -> RealArray:
-        """Return the braid diameter D [m] at position x [-] along active length L [m], broadcast shape."""
+        """Return the braid diameter D [m] at position x [-] and length L [m]; arguments broadcast."""
 
 
 class FourierProfile(AbstractProfile):
-    """A truncated Fourier series with a free wave number, the same at every length.
+    """A truncated Fourier series with a free wave number; the profile is the same at every length.
 
     D(x) = a0 + sum over n of a_n cos(n w x) + b_n sin(n w x)
 
@@ -29,7 +29,7 @@ class FourierProfile(AbstractProfile):
         a0: constant term [m].
         a: a_n [m], shape (terms,).
         b: b_n [m], shape (terms,).
-        w: wave number [-], any real number; with 2 pi, the profile is periodic over the length.
+        w: wave number [-], any real number; for w = 2 pi, the profile is periodic over the length.
 
     Raises:
         ValueError: `a` and `b` differ in shape. `Meridian` checks that the diameter is positive.
@@ -57,7 +57,10 @@ class FourierProfile(AbstractProfile):
         return FourierProfile(self.a0, even * jnp.cos(half), even * jnp.sin(half), self.w)
 
     def diameter(self, x: Real, length: Real) -> RealArray:
-        """Return the braid diameter D [m] at position x [-], broadcast shape; independent of length [m]."""
+        """Return the braid diameter D [m] at position x [-]; arguments broadcast.
+
+        The length [m] has no effect on the diameter.
+        """
         angle = _harmonics(self.a) * self.w * as_real(x)[..., None]
         series = jnp.sum(self.a * jnp.cos(angle) + self.b * jnp.sin(angle), axis=-1)
         shape = jnp.broadcast_shapes(jnp.shape(x), jnp.shape(length))
@@ -70,18 +73,18 @@ def _harmonics(coefficients: RealArray) -> np.ndarray:
 
 
 def tondu_lopez_length(length: Real, rest_length: Real, k: Real) -> RealArray:
-    """Return the length [m] of a cylinder with the force of a muscle with rounded ends, L0 (1 - k eps).
+    """Return the length [m] at which a cylinder has the force of a muscle with rounded ends.
 
-    This length replaces L in the force of a cylindrical muscle.
+    Use this length, L0 (1 - k eps), in place of L in the force of a cylindrical muscle.
 
     Args:
         length: active length L [m].
         rest_length: L0 [m].
-        k: factor [-] on the contraction eps = (L0 - L) / L0; 1 for a cylinder, above 1 for ends
-            that contract but do not pull.
+        k: factor [-] on the contraction eps = (L0 - L) / L0; 1 for a cylinder, above 1 for rounded
+            ends.
 
     Returns:
-        Length [m], broadcast shape.
+        Length [m], with the broadcast shape.
 
     References:
         Tondu & Lopez 2000.
@@ -94,7 +97,7 @@ def tondu_lopez_length(length: Real, rest_length: Real, k: Real) -> RealArray:
 
 
 def kothera_length(length: Real, radius: Real, rest_radius: Real) -> RealArray:
-    """Return the length [m] of the cylinder between two quarter-circle ends, L - 2 (R - R0).
+    """Return the length [m] of the cylinder between two quarter-circle ends: L - 2 (R - R0).
 
     Args:
         length: active length L [m].
@@ -102,7 +105,7 @@ def kothera_length(length: Real, radius: Real, rest_radius: Real) -> RealArray:
         rest_radius: R0 [m] at rest, also the radius at the fittings.
 
     Returns:
-        Length [m], broadcast shape.
+        Length [m], with the broadcast shape.
 
     References:
         Kothera et al. 2009.

@@ -1,4 +1,4 @@
-"""Maxwell-slip elements (springs in series with dry sliders) and their coordinates in a muscle."""
+"""Maxwell-slip elements (springs in series with friction sliders) and their coordinates in a muscle."""
 
 import dataclasses
 import itertools
@@ -22,7 +22,7 @@ def slip(deflection: Either, change: Either, threshold: Either) -> Either:
 
         s <- min(max(s + dq, -delta), delta)
 
-    The result is exact for a change of any size. Accepts NumPy or JAX arrays.
+    The result is exact for a change of any size. Arguments may be NumPy or JAX arrays.
 
     Args:
         deflection: s before the change.
@@ -30,7 +30,7 @@ def slip(deflection: Either, change: Either, threshold: Either) -> Either:
         threshold: delta > 0, the deflection at which the slider moves.
 
     Returns:
-        s after the change, broadcast shape.
+        s after the change, with the broadcast shape.
 
     References:
         Rizos & Fassois 2004, Chaos 14(2), 431-445: the element and its identification.
@@ -44,13 +44,13 @@ def slip(deflection: Either, change: Either, threshold: Either) -> Either:
 
 
 def slip_shares(pressure: Either, modulus: Either) -> tuple[Either, Either]:
-    """Return the derivatives of both coordinates with respect to strain, 1 + P/E and P/E [-].
+    """Return the derivatives of wall and braid coordinates with respect to strain: 1 + P/E and P/E [-].
 
-    Accepts NumPy or JAX arrays; see `MaxwellSlip`.
+    Arguments may be NumPy or JAX arrays; see `MaxwellSlip`.
 
     Args:
         pressure: gauge pressure P [Pa].
-        modulus: E [Pa].
+        modulus: modulus E [Pa] of the rubber.
     """
     ratio = pressure / modulus
     return 1 + ratio, ratio
@@ -59,15 +59,15 @@ def slip_shares(pressure: Either, modulus: Either) -> tuple[Either, Either]:
 def slip_coordinates(
     length: Either, pressure: Either, rest_length: Either, modulus: Either
 ) -> tuple[Either, Either]:
-    """Return the coordinates of wall and braid [-], -eps (1 + P/E) and -eps P/E, broadcast shape.
+    """Return wall and braid coordinates [-], -eps (1 + P/E) and -eps P/E, with the broadcast shape.
 
-    Accepts NumPy or JAX arrays; see `MaxwellSlip`.
+    Arguments may be NumPy or JAX arrays; see `MaxwellSlip`.
 
     Args:
         length: L [m].
         pressure: gauge pressure P [Pa].
         rest_length: L0 [m].
-        modulus: E [Pa].
+        modulus: modulus E [Pa] of the rubber.
     """
     strain = length / rest_length - 1
     wall, braid = slip_shares(pressure, modulus)
@@ -75,11 +75,11 @@ def slip_coordinates(
 
 
 class SlipElements(eqx.Module):
-    """Parallel elements on one coordinate.
+    """Maxwell-slip elements in parallel on one coordinate.
 
     Attributes:
         threshold: delta of each element, in the unit of the coordinate, > 0, shape (k,).
-        strength: force [N] of each sliding element, >= 0, shape (k,).
+        strength: force [N] of each element while it slides, >= 0, shape (k,).
     """
 
     threshold: Float[Given, " k"] = eqx.field(converter=as_number)
@@ -91,7 +91,7 @@ class SlipElements(eqx.Module):
         return cls(jnp.zeros(0), jnp.zeros(0))
 
     def force(self, deflection: Float[Array, "*n k"]) -> RealArray:
-        """Return the sum [N] of strength times s / delta, shape (*n,)."""
+        """Return the total force [N], the sum of strength times s / delta, shape (*n,)."""
         return jnp.sum(self.strength * deflection / self.threshold, axis=-1)
 
 
@@ -99,7 +99,7 @@ class SlipState(eqx.Module):
     """State of the elements after a history.
 
     Attributes:
-        coordinates: coordinates of wall and braid [-].
+        coordinates: wall and braid coordinates [-].
         wall: deflections of the elements on the first coordinate, shape (k,).
         braid: deflections of the elements on the second coordinate, shape (m,).
     """
@@ -116,22 +116,23 @@ class MaxwellSlip(eqx.Module):
 
         F_h = (1 + P/E) sum_w S_i s_i/delta_i  +  (P/E) sum_b S_i s_i/delta_i
 
-    The first coordinate is the axial strain of the wall, enlarged by a pressure that is not small
-    compared with the modulus E of rubber. The second is the part added by the pressure; its elements
+    The first coordinate is the axial strain of the wall, increased by the pressure P, which is not small
+    compared with the modulus E of the rubber. The second coordinate is this increase alone; its elements
     model dry friction under the normal force due to the pressure. At constant pressure, both coordinates
-    follow the contraction, and full sliding requires the force c0 + c1 P. At constant length, both
-    change in proportion to contraction and pressure. A muscle at rest length therefore has no loop, and
-    a shortened muscle pulls less during filling than during venting.
+    follow the contraction, and the friction force in full sliding is linear in the pressure, c0 + c1 P. At
+    constant length, the change in both coordinates is proportional to the contraction and to the change
+    in pressure. A muscle at rest length therefore shows no loop, and a shortened muscle pulls less during
+    filling than during venting.
 
     A force f on a coordinate q adds f dq/dL to the muscle's force and displaces the volume -f dq/dP, so
-    machine and fluid together do the work f dq. This work is stored in the springs or dissipated by the
-    sliders, so a closed cycle never yields energy.
+    testing machine and fluid together do the work f dq. This work is stored in the springs or dissipated
+    by the sliders, so a closed cycle never creates energy.
 
     Attributes:
-        wall: elements on q_w, thresholds [-]; strengths apply at zero pressure.
-        braid: elements on q_b, thresholds [-]; strengths apply at the pressure E.
+        wall: elements on q_w, with thresholds [-] and with strengths for zero pressure.
+        braid: elements on q_b, with thresholds [-] and with strengths for the pressure E.
         rest_length: L0 [m].
-        modulus: E [Pa].
+        modulus: modulus E [Pa] of the rubber.
 
     References:
         Rizos & Fassois 2004, Chaos 14(2), 431-445. Vo-Minh, Tjahjowidodo, Ramon & Van Brussel 2011,
@@ -150,7 +151,7 @@ class MaxwellSlip(eqx.Module):
     modulus: Float[Given, ""] = eqx.field(converter=as_number)
 
     def coordinates(self, length: Real, pressure: Real) -> tuple[RealArray, RealArray]:
-        """Return the coordinates of wall and braid [-]; see `slip_coordinates`."""
+        """Return the wall and braid coordinates [-]; see `slip_coordinates`."""
         L, P = as_real(length), as_real(pressure)
         return slip_coordinates(L, P, self.rest_length, self.modulus)
 
@@ -177,13 +178,16 @@ class MaxwellSlip(eqx.Module):
         return wall * self.wall.force(state.wall) + braid * self.braid.force(state.braid)
 
     def added(self, state: SlipState, length: Real, pressure: Real, force: Real = 0.0) -> RealArray:
-        """Return the force [N] to add to the static force [N], on which it does not depend."""
+        """Return the force [N] to be added to the static force [N].
+
+        The result does not depend on the static force.
+        """
         del length, force
         return self.force(state, pressure)
 
     @compiled_method
     def states(self, length: History, pressure: History) -> SlipState:
-        """Return the state at each point in a history that starts relaxed.
+        """Return the state at each point in a history that starts with relaxed springs.
 
         Args:
             length: L [m] in time order, shape (n,), including every turning point.
@@ -202,12 +206,12 @@ class MaxwellSlip(eqx.Module):
 
     @compiled_method
     def along(self, length: History, pressure: History) -> Float[Array, " n"]:
-        """Return F_h [N] along a history that starts relaxed, shape (n,); see `states`."""
+        """Return F_h [N] along a history that starts with relaxed springs, shape (n,); see `states`."""
         return jax.vmap(self.force)(self.states(length, pressure), as_real(pressure))
 
     @compiled_method
     def heat(self, length: History, pressure: History) -> Float[Array, ""]:
-        """Return the energy [J] dissipated over a history; never negative."""
+        """Return the energy [J] dissipated during a history, which is never negative."""
         states, heat = self.states(length, pressure), jnp.zeros_like(self.rest_length)
         change = jnp.diff(states.coordinates, axis=0)
         for k, (elements, s) in enumerate(((self.wall, states.wall), (self.braid, states.braid))):
@@ -217,16 +221,16 @@ class MaxwellSlip(eqx.Module):
 
 
 Cycle = Literal["ramp", "stroke"]
-"""A pressure ramp up and down at constant length, or a stroke at constant pressure."""
+"""Kind of cycle: a pressure ramp up and down at constant length, or a stroke at constant pressure."""
 
 
 def there_and_back(path: Sequence[Either], threshold: Either) -> tuple[Either, Either]:
-    """Return the deflections of initially relaxed elements when a path reaches a point and returns to it.
+    """Return the deflections of initially relaxed elements on reaching a point and on returning to it.
 
     Args:
         path: coordinate at the start, at other turning points, at the point, at the last turn and at
-            the point again; NumPy or JAX arrays with one shape (*n,). The coordinate changes
-            monotonically between them.
+            the point again, as NumPy or JAX arrays with the same shape (*n,). The coordinate changes
+            monotonically from one entry to the next.
         threshold: thresholds of the elements, shape (k,).
 
     Returns:
@@ -240,12 +244,12 @@ def there_and_back(path: Sequence[Either], threshold: Either) -> tuple[Either, E
 
 @dataclasses.dataclass(frozen=True)
 class ReferenceCycle:
-    """The cycle whose two branches average to the static map.
+    """The cycle for which the mean of the two branches is the static map.
 
     Attributes:
-        kind: "ramp" if the pressure moves, "stroke" if the length moves.
-        start, turn: ends of the motion, gauge pressures [Pa] or lengths [m].
-        cycled: True if the same cycle preceded it; False if the elements are relaxed at the start.
+        kind: "ramp" if the pressure changes, "stroke" if the length changes.
+        start, turn: gauge pressures [Pa] or lengths [m] at which the cycle starts and turns.
+        cycled: True if an identical cycle precedes it; False if the elements are relaxed at the start.
     """
 
     kind: Cycle
@@ -255,11 +259,11 @@ class ReferenceCycle:
 
 
 class CentredSlip(eqx.Module):
-    """Hysteresis about a static map, with zero mean over both branches of the map's cycle.
+    """Hysteresis about a static map, with zero mean over the two branches of the reference cycle.
 
-    Elements below their thresholds act as springs, so their mean over a cycle is not zero. This mean
-    depends only on length and pressure and is subtracted as a static force. The difference between the
-    branches stays the same.
+    Elements below their thresholds act as springs, so the mean of their force over a cycle is not zero.
+    This mean depends only on length and pressure, and is subtracted as a static force. The difference
+    between the branches is not affected.
 
     Attributes:
         slip: the elements.
@@ -274,7 +278,7 @@ class CentredSlip(eqx.Module):
     ) -> Float[Array, "*n"]:
         """Return the mean [N] of the elements' force over both branches of the cycle through a point.
 
-        A point beyond the turn of the reference cycle is its own turn.
+        If the point lies beyond the turn of the reference cycle, the cycle turns at the point.
         """
         there, back = self._ends(length, pressure)
         start, at, turn = (
@@ -292,8 +296,9 @@ class CentredSlip(eqx.Module):
     def start(self, length: Real, pressure: Real) -> SlipState:
         """Return the state at the start of a history, at a length [m] and a pressure [Pa], both scalars.
 
-        The state is reached from the start of the reference cycle: from the vented muscle at this
-        length, or from the longest length at this pressure, after a full cycle if `cycled`.
+        This is the state that the muscle reaches from the start of the reference cycle: from the vented
+        state at this length, or from the longest length at this pressure. If `cycled`, a full cycle
+        precedes it.
         """
         there, back = self._ends(as_real(length), as_real(pressure))
         state = self.slip.start(*there)
@@ -306,17 +311,20 @@ class CentredSlip(eqx.Module):
         return self.slip.moved(state, length, pressure)
 
     def added(self, state: SlipState, length: Real, pressure: Real, force: Real = 0.0) -> RealArray:
-        """Return the force [N] to add to the static force [N], on which it does not depend."""
+        """Return the force [N] to be added to the static force [N].
+
+        The result does not depend on the static force.
+        """
         del force
         return self.slip.force(state, pressure) - self.middle(as_real(length), as_real(pressure))
 
     def along(
         self, length: Float[np.ndarray, " n"], pressure: Float[np.ndarray, " n"]
     ) -> Float[Array, " n"]:
-        """Return the hysteresis [N] to add to the static map along a history, shape (n,).
+        """Return the hysteresis force [N] to be added to the static map along a history, shape (n,).
 
-        The history starts as the reference cycle does: vented at the first length, or at the longest
-        length at the first pressure.
+        The history starts where the reference cycle starts: vented at the first length, or at the longest
+        length and the first pressure.
 
         Args:
             length: L [m] in time order, shape (n,), including every turning point.
@@ -331,7 +339,7 @@ class CentredSlip(eqx.Module):
     def _ends(
         self, length: Num[Array | np.ndarray, "*n"], pressure: Num[Array | np.ndarray, "*n"]
     ) -> tuple[tuple, tuple]:
-        """Return length and pressure at the start and at the turn of the cycle through each point."""
+        """Return lengths and pressures at the start and at the turn of the cycle through each point."""
         if self.cycle.kind == "ramp":
             low, high = jnp.minimum, jnp.maximum
             return (

@@ -1,4 +1,4 @@
-"""Drucker stability of a material along the actuation path of a muscle."""
+"""Drucker stability of a bladder material along the actuation path of a muscle."""
 
 import equinox as eqx
 import jax
@@ -17,7 +17,7 @@ class PathStrains(eqx.Module):
         pressure: gauge pressure [Pa].
         axial, hoop: eps_z and eps_c [-] at stations along the muscle, shape (..., stations).
         axial_rate, hoop_rate: derivatives of the strains with respect to L [1/m] at constant pressure.
-        station_weights: quadrature weights of the stations, sum 1.
+        station_weights: quadrature weights of the stations; they sum to 1.
     """
 
     pressure: RealArray
@@ -28,7 +28,7 @@ class PathStrains(eqx.Module):
     station_weights: Float[Array, "... stations"]
 
     def modulus(self, material: AbstractMaterial) -> RealArray:
-        """Return the second-order work per squared strain increment [Pa]; see `path_modulus`."""
+        """Return the second-order work per square of the strain increment [Pa]; see `path_modulus`."""
         pressure = self.pressure[..., None]
         stress_rate = jax.jvp(
             lambda axial, hoop: material.stresses(axial, hoop, pressure),
@@ -46,12 +46,12 @@ def path_strains(geometry: AbstractGeometry, length: Real, pressure: Real) -> Pa
     """Return the strains along the actuation path, with their derivatives with respect to length.
 
     Args:
-        geometry: source of the strains at (L, P).
+        geometry: geometry that provides the strains at (L, P).
         length: active length L [m].
         pressure: gauge pressure P [Pa].
 
     Returns:
-        Strains and rates with the broadcast shape plus a trailing axis of stations.
+        Strains and rates, with the broadcast shape plus a last axis of stations.
     """
 
     def one(length: RealArray, pressure: RealArray) -> PathStrains:
@@ -74,21 +74,21 @@ def path_strains(geometry: AbstractGeometry, length: Real, pressure: Real) -> Pa
 def path_modulus(
     material: AbstractMaterial, geometry: AbstractGeometry, length: Real, pressure: Real
 ) -> RealArray:
-    """Return the bladder's second-order work along the actuation path, per squared strain increment.
+    """Return the bladder's second-order work along the actuation path per square of the strain increment.
 
     (d sigma_z d eps_z + d sigma_c d eps_c) / (d eps_z^2 + d eps_c^2), with increments along L at
-    constant pressure. For a law that does not couple the two directions this is a weighted mean of
+    constant pressure. For a law that does not couple the two directions, this is a weighted mean of
     the two tangent moduli, (sigma_z'(eps_z) d eps_z^2 + sigma_c'(eps_c) d eps_c^2) /
     (d eps_z^2 + d eps_c^2). Drucker stability requires a value >= 0 at every state.
 
     Args:
         material: stress law.
-        geometry: source of the strains at (L, P).
+        geometry: geometry that provides the strains at (L, P).
         length: active length L [m].
         pressure: gauge pressure P [Pa].
 
     Returns:
-        Modulus along the path [Pa], broadcast shape.
+        Modulus along the path [Pa], with the broadcast shape.
 
     References:
         Drucker 1959; Chambers 2021, section 7.2.

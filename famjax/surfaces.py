@@ -19,12 +19,12 @@ from .profiles import AbstractProfile
 def b_splines(
     knots: Float[Array, " knots"], degree: int, at: Float[Array, "..."]
 ) -> Float[Array, "... splines"]:
-    """Return the B-splines for a knot vector at any points; the end pieces extend beyond the ends.
+    """Return the B-splines of a knot vector at any points; the end pieces are continued beyond the ends.
 
     N_i,d = (x - t_i)/(t_i+d - t_i) N_i,d-1 + (t_i+d+1 - x)/(t_i+d+1 - t_i+1) N_i+1,d-1
 
     Args:
-        knots: t, increasing; the first and the last are repeated degree + 1 times.
+        knots: t, increasing; the first and the last knot occur degree + 1 times.
         degree: d >= 1.
         at: x, any shape.
 
@@ -46,13 +46,14 @@ def b_splines(
 def cardinal_splines(
     knots: Float[Array, " knots"], at: Float[Array, "..."]
 ) -> Float[Array, "... knots"]:
-    """Return the splines that are 1 at one knot and 0 at the others.
+    """Return the splines that are 1 at one knot and 0 at all other knots.
 
-    They are cubic with the not-a-knot condition; parabolas for three knots, lines for two.
+    The splines are cubic, with the not-a-knot condition. With three knots, they are parabolas; with two,
+    straight lines.
 
     Args:
-        knots: increasing.
-        at: points, any shape; the end cubics extend beyond the ends.
+        knots: increasing positions of the knots.
+        at: points, any shape; the end cubics are continued beyond the ends.
 
     References:
         de Boor 1978, chapter IV.
@@ -64,7 +65,7 @@ def cardinal_splines(
 
 
 class AbstractMeasuredFamily(Parametrised):
-    """Profiles D(x, L, P) measured over a range of lengths and unknown outside it.
+    """Profiles D(x, L, P) that were measured over a range of lengths and are unknown outside it.
 
     Attributes:
         lengths: measured active lengths L [m], decreasing.
@@ -80,7 +81,7 @@ class AbstractMeasuredFamily(Parametrised):
         if not 0 <= self.margin <= 0.25:
             raise ValueError(
                 "margin must be a fraction of the measured range, between 0 and 0.25; got "
-                f"{self.margin}. A cubic cannot predict the shape further out: measure more lengths"
+                f"{self.margin}. A cubic cannot predict the shape beyond that: measure at more lengths"
             )
         if not isinstance(self.lengths, Tracer) and not np.all(np.diff(self.lengths) < 0):
             raise ValueError(
@@ -89,7 +90,7 @@ class AbstractMeasuredFamily(Parametrised):
 
     @abc.abstractmethod
     def diameter(self, x: Real, length: Real, pressure: Real) -> RealArray:
-        """Return the braid diameter D [m], broadcast shape; nan outside `length_range`.
+        """Return the braid diameter D [m], with the broadcast shape; nan outside `length_range`.
 
         Args:
             x: position [-] in [0, 1].
@@ -99,10 +100,10 @@ class AbstractMeasuredFamily(Parametrised):
 
     @abc.abstractmethod
     def middle_pressure(self) -> RealArray:
-        """Return a pressure [Pa] at which the shape is known."""
+        """Return a pressure [Pa] at which the shape was measured, or the mean of two such pressures."""
 
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """Return the shortest and longest length [m]: the measured range, extended by the margin."""
+        """Return the shortest and longest length [m] of the measured range, extended by the margin."""
         longest, shortest = self.lengths[0], self.lengths[-1]
         beyond = self.margin * (longest - shortest)
         return shortest - beyond, longest + beyond
@@ -128,16 +129,16 @@ class MeasuredFamily(AbstractMeasuredFamily):
     D(x, L, P) = (sum over k of phi_k(L) D_k(x)) D_braid(L, B(L, P)) / D_braid(L, B(L, P_ref))
 
     The diameters at each x are interpolated in L by a cubic spline (`cardinal_splines`), which reproduces
-    the measured shapes exactly at P_ref. At other pressures, the diameters are scaled by the ratio of the
-    diameters from the braid's triangle relation, which is 1 for an inelastic braid.
+    the measured shapes exactly at P_ref. At other pressures, they are scaled by the ratio D_braid(P) /
+    D_braid(P_ref) from the braid's triangle relation. For an inelastic braid, this ratio is 1.
 
-    The end cubics extrapolate by `margin` of the measured range of lengths, enough to reach a free
-    contraction just beyond the last photograph. Beyond the margin, the result is nan.
+    At each end, the spline is extrapolated by the fraction `margin` of the measured range of lengths. This
+    is enough to reach a free contraction just beyond the last photograph. Beyond that, the result is nan.
 
     Attributes:
-        lengths: L_k [m], decreasing as the muscle contracts, shape (profiles,).
-        profiles: D_k(x), at least two.
-        reference_pressure: pressure P_ref [Pa] of the measurement.
+        lengths: L_k [m], decreasing, shape (profiles,).
+        profiles: D_k(x), one for each length, at least two.
+        reference_pressure: gauge pressure P_ref [Pa] during the measurement.
         braid: braid with thread length B(L, P).
         margin: extrapolation allowed at each end, as a fraction of the range of lengths.
 
@@ -165,7 +166,7 @@ class MeasuredFamily(AbstractMeasuredFamily):
 
     @compiled_method
     def diameter(self, x: Real, length: Real, pressure: Real) -> RealArray:
-        """Return the braid diameter D [m] at x [-], length [m] and pressure [Pa], broadcast shape."""
+        """Return the braid diameter D [m] at x [-], length [m] and pressure [Pa]; arguments broadcast."""
         x, length = as_real(x), as_real(length)
         pairs = zip(self.profiles, self.lengths, strict=True)
         measured = jnp.stack([profile.diameter(x, at) for profile, at in pairs], axis=-1)
@@ -185,20 +186,21 @@ class SampledSurface(AbstractMeasuredFamily):
     """A measured shape, interpolated by cubic splines in position and length and linearly in pressure.
 
     The measured shape already includes the stretch of the threads, so the braid does not scale the
-    diameters; it only provides turns and thread length. The end cubics extrapolate in length by
-    `margin` of the range; beyond it, the result is nan. Extrapolation in pressure is linear.
+    diameters; it only provides turns and thread length. In length, the spline is extrapolated at each end
+    by the fraction `margin` of the range; beyond that, the result is nan. In pressure, the extrapolation
+    is linear.
 
     Attributes:
-        lengths: active lengths L [m], decreasing as the muscle contracts, shape (lengths,), >= 2.
-        pressures: increasing gauge pressures [Pa], shape (1,) or (2,); one for a shape that does not
-            depend on the pressure.
+        lengths: at least two active lengths L [m], decreasing, shape (lengths,).
+        pressures: increasing gauge pressures [Pa], shape (1,) or (2,); one if the shape does not depend on
+            the pressure.
         diameters: D [m] at x = 0, 1/(n - 1), ..., 1, shape (pressures, lengths, stations).
         braid: braid of the muscle.
         margin: extrapolation allowed at each end, as a fraction of the range of lengths.
 
     Raises:
         ValueError: shapes do not match, lengths do not decrease, pressures do not increase, or a
-            diameter is not positive. Values are checked only if they are not traced.
+            diameter is not positive. Traced values are not checked.
     """
 
     lengths: Float[Given, " lengths"] = number("m")
@@ -211,7 +213,7 @@ class SampledSurface(AbstractMeasuredFamily):
         shape = (self.pressures.size, self.lengths.size)
         if self.diameters.ndim != 3 or self.diameters.shape[:2] != shape:
             raise ValueError(
-                f"diameters must have the shape (pressures, lengths, stations), which begins with "
+                f"diameters must have the shape (pressures, lengths, stations), here beginning with "
                 f"{shape}; got {self.diameters.shape}"
             )
         if self.pressures.size not in (1, 2) or min(*self.diameters.shape[1:]) < 2:
@@ -234,7 +236,7 @@ class SampledSurface(AbstractMeasuredFamily):
 
     @compiled_method
     def diameter(self, x: Real, length: Real, pressure: Real) -> RealArray:
-        """Return the braid diameter D [m] at x [-], length [m] and pressure [Pa], broadcast shape."""
+        """Return the braid diameter D [m] at x [-], length [m] and pressure [Pa]; arguments broadcast."""
         # Not broadcast first: the splines of lengths and of positions are smaller apart.
         x, length, pressure = as_real(x), as_real(length), as_real(pressure)
         knots, degree, inverse = _even_splines(self.diameters.shape[-1])
@@ -250,7 +252,7 @@ class SampledSurface(AbstractMeasuredFamily):
 
 @functools.cache
 def _even_splines(stations: int) -> tuple[np.ndarray, int, np.ndarray]:
-    """Return knots, degree and coefficients of the cardinal splines on evenly spaced stations."""
+    """Return knots, degree and coefficients of the cardinal splines for evenly spaced stations."""
     from scipy.interpolate import make_interp_spline  # noqa: PLC0415 -- 0.2 s, only for a surface
 
     degree = min(3, stations - 1)

@@ -1,7 +1,7 @@
-"""Read tables from any source: force maps, ramps and machine logs, with columns identified by name.
+"""Read tables, such as force maps, ramps and machine logs, and identify their columns by name.
 
 Set points, limits, peaks, atmospheric pressures and counters are not treated as measurements of the
-muscle unless the user assigns them. Ambiguous columns raise an error that names the option to use.
+muscle unless the user assigns them. If a column is ambiguous, the error message names the option to use.
 """
 
 import dataclasses
@@ -30,14 +30,15 @@ class Table:
     """A table in SI units.
 
     Attributes:
-        columns: values by quantity, shape (n,); pressures are gauge unless absolute ones were requested.
+        columns: values by quantity, shape (n,). Pressures are gauge pressures, unless the caller asked for
+            absolute ones.
         taken: source column of each quantity.
-        others: all other numeric columns, unconverted, by name.
-        lines: line number of each row, from 1.
-        unread: lines between the first and last row that are not readings.
+        others: all other numeric columns by name, not converted to SI.
+        lines: line number of each row, counted from 1.
+        unread: numbers of lines between the first and last row that are not readings.
         comments: lines that begin with #.
         source: name of the file.
-        sha256: digest of the file.
+        sha256: SHA-256 digest of the file.
     """
 
     columns: dict[str, np.ndarray]
@@ -51,7 +52,7 @@ class Table:
 
     @property
     def units(self) -> dict[str, str]:
-        """Unit of each column, by its name in famjax; the SI unit if famjax has no name for it."""
+        """Unit of each quantity in the file; the SI unit if famjax has no name for the unit."""
         found = {}
         for quantity, one in self.taken.items():
             kind = kind_of(quantity)
@@ -60,13 +61,16 @@ class Table:
         return found
 
     def said(self) -> str:
-        """Describe the source of each quantity: one line, or a table if columns are assigned or ignored."""
+        """Describe the source of each quantity in one line of text.
+
+        If columns are assigned or ignored, the description is a table.
+        """
         if not self.others and not any(one.named for one in self.taken.values()):
             each = self.taken.items()
             told = [f"{q} from {one.name!r}, first {one.first:.6g} {one.unit}" for q, one in each]
             return f"columns: {'; '.join(told)}"
         rows = [
-            f"{quantity:<12} {one.name!r:<28} first {one.first:.6g} {one.unit}{', as given' * one.named}"
+            f"{quantity:<12} {one.name!r:<28} first {one.first:.6g} {one.unit}{', as assigned' * one.named}"
             for quantity, one in self.taken.items()
         ]
         left = [f"ignored      {', '.join(map(repr, self.others))}"] if self.others else []
@@ -79,27 +83,28 @@ def read_table(
 ) -> Table:  # fmt: skip
     """Read a table in any common format; nothing is interpolated and no unit is guessed.
 
-    Reads text in UTF-8, UTF-16 or cp1252, separated by tabs, semicolons, commas, bars or blanks, with
-    decimal points or commas. Lines may precede the header, and units may be in the names or in a separate
-    row. Also reads .xlsx workbooks with pandas.
+    Text files may be encoded in UTF-8, UTF-16 or cp1252. Cells may be separated by tabs, semicolons,
+    commas, vertical bars or spaces, and numbers may have decimal points or commas. Other lines may precede
+    the header, and units may be in the column names or in a separate row. Workbooks in the format .xlsx
+    are read with pandas.
 
     Args:
         source: a path or an open file, such as standard input.
         needed: required quantities from `KINDS`; a `contraction` may replace a `length`.
         optional: optional quantities.
-        columns: columns assigned by the user, by quantity: a name, or a number from 1. Add the unit in
-            brackets if the table lacks it, `{"force": "Kraft [N]"}`; `-` ignores a quantity.
-            `{"decimal": ","}` sets the decimal sign and `{"atmosphere": "101.3kPa"}` the reference for
-            absolute pressures.
-        strict: require every row to be a reading; otherwise other rows are skipped and reported.
-        absolute: leave absolute pressures unchanged, for a caller that subtracts the zero reading later.
+        columns: columns assigned by the user: for each quantity, the name of a column, or its number,
+            counted from 1. If the table lacks the unit, add it in brackets, as in
+            `{"force": "Kraft [N]"}`. `-` ignores a quantity. `{"decimal": ","}` sets the decimal sign, and
+            `{"atmosphere": "101.3kPa"}` sets the reference for absolute pressures.
+        strict: True to require that every row is a reading; otherwise, other rows are skipped and reported.
+        absolute: True to keep absolute pressures, for a caller that subtracts the zero reading later.
         fewest: minimum number of numeric rows.
 
     Returns:
         The table.
 
     Raises:
-        InputError: the message states the fault, its line number and the remedy.
+        InputError: the table cannot be read; the message states the fault, its line and the remedy.
     """
     asked = Asked(tuple(needed), tuple(optional), columns or {}, strict, absolute, fewest)
     known = [*asked.needed, *asked.optional, "decimal", "atmosphere"]
@@ -147,12 +152,12 @@ def check_size(path: str | Path, most: float = _cells.MOST_BYTES) -> None:
         raise InputError(f"cannot read {path}: {error.strerror}") from None
     if size > most:
         raise InputError(
-            f"{path} has {size / 1e6:.0f} MB, above the limit of {most / 1e6:.0f} MB: export less data"
+            f"{path} has {size / 1e6:.0f} MB, but the limit is {most / 1e6:.0f} MB: export less data"
         )
 
 
 def _of_workbook(data: bytes, asked: Asked) -> Table:
-    """Read the only sheet in a workbook that contains the table."""
+    """Read the table from the only sheet in a workbook that contains a suitable one."""
     try:
         _cells.check_workbook(data)
         pandas = import_extra("pandas", "tables")
@@ -189,7 +194,7 @@ def _of_workbook(data: bytes, asked: Asked) -> Table:
 def _find(
     quantity: str, held: Sequence[Column], wanted: str | None, clock: Callable
 ) -> Column | None:
-    """Find the column of a quantity; None if there is none."""
+    """Find the column for a quantity; return None if there is none."""
     kind = kind_of(quantity)
     if wanted == "-":
         return None
@@ -220,15 +225,15 @@ def _find(
     lacks = (
         f"the unknown unit {shortened(one.unit)}" if one.unit else "no unit in or below its name"
     )
-    hint = ": a contraction is (L0 - L)/L0, a fraction or in %" if kind == "contraction" else ""
+    hint = ": a contraction is (L0 - L)/L0, as a fraction or in %" if kind == "contraction" else ""
     raise InputError(
-        f"{one} has {lacks}{hint}; known units of {kind} are: {', '.join(every)}{meant(one.unit, every)}: "
+        f"{one} has {lacks}{hint}; known units of {kind} are {', '.join(every)}{meant(one.unit, every)}: "
         f"specify the unit with {remedy_for(quantity, f'{one.title} [{every[0]}]')}"
     )
 
 
 def _wanted(quantity: str, held: Sequence[Column], wanted: str) -> Column:
-    """Find the column that the user assigned by name or number, and apply the given unit."""
+    """Find the column that the user assigned by name or number, and apply the unit that the user stated."""
     wanted = wanted.strip()
     title, unit = _headers.split_unit(_headers.joined_mode(wanted))
     said = [bool(match[1]) for match in _headers.MODE.finditer(unit)]
@@ -244,16 +249,16 @@ def _wanted(quantity: str, held: Sequence[Column], wanted: str) -> Column:
             absolute = said[0] if said else None if unit and unit != one.unit else one.absolute
             return one._replace(unit=unit or one.unit, absolute=absolute, named=True)
     raise InputError(
-        f"--column {quantity}={wanted}: this must match one column; the table has "
-        f"{', '.join(one.name for one in held)}; use a name, or a number from 1"
+        f"--column {quantity}={wanted}: this must match one column, but the table has "
+        f"{', '.join(one.name for one in held)}: use one of these names, or a column number from 1"
     )
 
 
 def _missing(quantity: str, held: Sequence[Column]) -> InputError:
-    """Return the error for a missing quantity, with possible columns and the option to assign one."""
+    """Return the error for a missing quantity; it names possible columns and the option to assign one."""
     kind = kind_of(quantity)
     near = [
-        f"{shortened(one.name)} {f'is {one.reason}' if one.reason else 'may or may not be it'}"
+        f"{shortened(one.name)} {f'is {one.reason}' if one.reason else 'may be a different quantity'}"
         for one in held
         if one.quantity == quantity or (one.reason and unit_size(one.unit, kind) is not None)
     ]
@@ -267,7 +272,7 @@ def _missing(quantity: str, held: Sequence[Column]) -> InputError:
 
 
 def _find_all(sheet: Sheet, asked: Asked, clock: Callable[[int], bool]) -> dict[str, Column]:
-    """Find the columns of all quantities by name."""
+    """Find the columns for all quantities by name."""
     held = []
     named = zip(sheet.names, sheet.below, sheet.beside, strict=True)
     for k, (name, below, beside) in enumerate(named):
@@ -280,7 +285,7 @@ def _find_all(sheet: Sheet, asked: Asked, clock: Callable[[int], bool]) -> dict[
             if (one := _find(name, held, asked.columns.get(name), clock)) is not None:
                 both[name] = one
         if len(both) > 1:
-            raise InputError(f"{' and '.join(map(repr, both))} are redundant; keep one column")
+            raise InputError(f"{' and '.join(map(repr, both))} are redundant: keep only one column")
         if not both and quantity in asked.needed:
             raise _missing(quantity, held)
         found |= both
@@ -288,7 +293,7 @@ def _find_all(sheet: Sheet, asked: Asked, clock: Callable[[int], bool]) -> dict[
 
 
 def _of_sheet(sheet: Sheet, asked: Asked) -> Table:
-    """Extract the columns of a sheet in SI units."""
+    """Extract the columns from a sheet, in SI units."""
     names, body, width = sheet.names, sheet.rows, len(sheet.names)
     if asked.strict:  # up to the last row with a number, to exclude a footer
         last = max(k for k, (_, row) in enumerate(body) if any(map(looks_number, row)))
@@ -320,7 +325,7 @@ def _of_sheet(sheet: Sheet, asked: Asked) -> Table:
         fault = f"{shortened(cell)}, not a number" if cell else "missing"
         raise InputError(
             f"row {lines[k]}: {quantity} is {fault}; remove the row, or write the reading with a decimal "
-            "point and no thousands separators"
+            "point and without thousands separators"
         )
     if bad.all():
         raise InputError("no row has numbers in all required columns")
@@ -339,7 +344,7 @@ def _of_sheet(sheet: Sheet, asked: Asked) -> Table:
 
 
 def _dated(place: int, names: Sequence[str], cells: Sequence[Sequence[str]]) -> Sequence[str]:
-    """Prepend the date from a separate column to times of day."""
+    """Prepend the dates in a separate column to times of day."""
     for k, name in enumerate(names):
         if k != place and {"date", "datum"} & set(_headers.tokens_of(name)):
             both = [" ".join(one) for one in zip(cells[k], cells[place], strict=True)]
@@ -360,8 +365,8 @@ def _in_si(
     if one is not None and one.absolute and not asked.absolute:
         if "atmosphere" not in asked.columns:
             raise InputError(
-                f"{one} is an absolute pressure, but the muscle needs gauge pressure: set the atmospheric "
-                "pressure with --column atmosphere=101.3kPa, or assign a gauge pressure column"
+                f"{one} is an absolute pressure, but gauge pressure is required: set the atmospheric "
+                "pressure with --column atmosphere=101.3kPa, or assign a column of gauge pressures"
             )
         columns["pressure"] -= parse_quantity(asked.columns["atmosphere"], "pressure")
     return columns
@@ -390,19 +395,19 @@ def _check_values(quantity: str, values: np.ndarray, one: Column, asked: Asked) 
 
 
 def check_time(table: Table, most: float = REPEATED) -> np.ndarray:
-    """Return a mask of the rows that are later than the row before.
+    """Return a mask of the rows that are later than the previous row.
 
     Args:
         table: table with a time column.
-        most: fraction of rows that may repeat the time of the row before.
+        most: fraction of rows that may repeat the time of the previous row.
 
     Raises:
-        InputError: time goes back, or does not advance.
+        InputError: the time goes back, or does not advance.
     """
     time, step = table.columns["time"], np.diff(table.columns["time"])
     for k in np.flatnonzero(step < 0):
         raise InputError(
-            f"time goes back from {time[k]:.6g} s to {time[k + 1]:.6g} s at line {table.lines[k + 1]}: "
+            f"the time goes back from {time[k]:.6g} s to {time[k + 1]:.6g} s at line {table.lines[k + 1]}: "
             "a file must contain a single test; split the file there"
         )
     if step.size and np.mean(step == 0) > most:

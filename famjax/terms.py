@@ -1,4 +1,4 @@
-"""Force terms and their sum."""
+"""Terms of a muscle's force, and their sum."""
 
 import abc
 from collections.abc import Sequence
@@ -18,18 +18,19 @@ from .parameters import Parametrised, parameter
 class AbstractForceTerm(Parametrised):
     """One part of a muscle's force. Add terms with `+`: `PressurisedBraid() + BladderWall(material)`.
 
-    A term reads only the muscle's dimensions, so it works with every geometry. Declare its parameters
-    with `famjax.parameter` to identify them together with the muscle's.
+    A term uses only the dimensions of the muscle and the pressure, so it works with every geometry. Declare
+    the term's parameters with `famjax.parameter` to identify them together with those of the muscle.
 
     Class variables:
-        uses_rates: True if the term reads `at.rates`, the dimensions' derivatives with respect to length.
+        uses_rates: True if the term uses `at.rates`, the derivatives of the dimensions with respect to
+            length.
     """
 
     uses_rates: ClassVar[bool] = False
 
     @abc.abstractmethod
     def force(self, at: Dimensions, pressure: Real) -> RealArray:
-        """Return this term's force [N], broadcast shape; positive if it shortens the muscle.
+        """Return this term's force [N], with the broadcast shape; positive if it shortens the muscle.
 
         Args:
             at: dimensions of the muscle at its length and pressure.
@@ -65,8 +66,8 @@ class SumOfTerms(AbstractForceTerm):
         for term in terms if isinstance(terms, tuple | list) else [terms]:
             if not isinstance(term, AbstractForceTerm):
                 raise ValueError(
-                    "a force term must derive from famjax.terms.AbstractForceTerm and have the method "
-                    f"force(at, pressure); got {type(term).__name__}. Make a bladder material a term with "
+                    "a force term must derive from famjax.terms.AbstractForceTerm and have a method "
+                    f"force(at, pressure); got {type(term).__name__}. To use a bladder material, pass "
                     "famjax.terms.BladderWall(material)"
                 )
             flat.extend(term.terms if isinstance(term, SumOfTerms) else [term])
@@ -78,7 +79,7 @@ class SumOfTerms(AbstractForceTerm):
         self.terms = tuple(flat)
 
     def force(self, at: Dimensions, pressure: Real) -> RealArray:
-        """Return the sum of the terms' forces [N], broadcast shape."""
+        """Return the sum of the terms' forces [N], with the broadcast shape."""
         wanted = jnp.shape(at.length)
         total: Any = 0.0  # of no precision of its own
         for term in self.terms:
@@ -89,21 +90,21 @@ class SumOfTerms(AbstractForceTerm):
                 came = f"shape {shape}" if alone else f"a {type(force).__name__}"
                 raise ValueError(
                     f"force(at, pressure) of {type(term).__name__} must return one force [N] for each "
-                    f"state, here with shape {wanted}, the shape of at.length; got {came}"
+                    f"state, in an array with the shape of at.length, {wanted}; got {came}"
                 )
             total = total + force
         return jnp.asarray(total)
 
 
 HIGHEST_DEADBAND = 200e3
-"""Upper bound [Pa] of an identified deadband."""
+"""Upper bound [Pa] for an identified deadband."""
 
 
 class PressurisedBraid(AbstractForceTerm):
     """Gaylord's braid force, (P - P_d) pi R^2 (2 tan(theta)^2 - 1).
 
     Attributes:
-        deadband_pressure: P_d [Pa], pressure below which the muscle does not act.
+        deadband_pressure: P_d [Pa], gauge pressure below which the muscle does not pull.
 
     References:
         Gaylord 1958; Chambers 2021, equation 6.1.
@@ -114,7 +115,7 @@ class PressurisedBraid(AbstractForceTerm):
     )
 
     def force(self, at: Dimensions, pressure: Real) -> RealArray:
-        """Return the braid force [N], broadcast shape; negative below the neutral angle."""
+        """Return the braid force [N], with the broadcast shape; negative below the neutral angle."""
         return gaylord_force(pressure - self.deadband_pressure, at.radius, at.braid_angle)
 
 
@@ -127,7 +128,7 @@ def bladder_axial_force(axial_stress: Real, bladder_volume: Real, length: Real) 
         length: active length L [m].
 
     Returns:
-        Force [N], broadcast shape; negative when the shortened bladder pushes.
+        Force [N], with the broadcast shape; negative when the shortened bladder pushes.
 
     References:
         Ferraresi 2001; Chambers 2021, section 6.2.
@@ -142,13 +143,13 @@ def bladder_hoop_force(
 
     Args:
         hoop_stress: true stress sigma_c [Pa], positive in tension.
-        thickness: wall t [m].
+        thickness: wall thickness t [m] of the bladder.
         length: active length L [m].
         radius: braid radius R [m].
-        turns: N [-].
+        turns: N [-], number of turns of one thread about the axis.
 
     Returns:
-        Force [N], broadcast shape; negative if the stretched bladder restrains the braid.
+        Force [N], with the broadcast shape; negative if the stretched bladder restrains the braid.
 
     References:
         Ferraresi 2001; Chambers 2021, section 6.2.
@@ -159,12 +160,15 @@ def bladder_hoop_force(
 def wall_forces(
     material: AbstractMaterial, at: Dimensions, pressure: Real
 ) -> tuple[RealArray, RealArray]:
-    """Return the forces [N] due to axial and hoop stress, broadcast shape; nan where the law is undefined.
+    """Return the forces [N] due to axial and hoop stress; nan where the stress law is undefined.
 
     Args:
         material: stress law of the bladder.
         at: dimensions of the muscle; stresses that vary along the axis are replaced by their mean.
         pressure: gauge pressure P [Pa].
+
+    Returns:
+        (axial, hoop) forces [N], each with the broadcast shape.
     """
     stresses = material.stresses(
         at.axial_strain[..., None], at.hoop_strain, as_real(pressure)[..., None]
@@ -180,7 +184,7 @@ def wall_forces(
 
 
 class BladderWall(AbstractForceTerm):
-    """The bladder's force from axial and hoop stress, sigma_z V / L - sigma_c t L^2 / (2 pi R N^2).
+    """The force due to axial and hoop stress in the bladder, sigma_z V / L - sigma_c t L^2 / (2 pi R N^2).
 
     Stresses that vary along the axis are replaced by their axial mean.
 
@@ -194,17 +198,17 @@ class BladderWall(AbstractForceTerm):
     material: AbstractMaterial
 
     def force(self, at: Dimensions, pressure: Real) -> RealArray:
-        """Return the bladder's force [N], broadcast shape; negative where it resists."""
+        """Return the bladder's force [N], with the broadcast shape; negative where it resists."""
         axial, hoop = wall_forces(self.material, at, pressure)
         return axial + hoop
 
 
 class VirtualWork(AbstractForceTerm):
-    """The force due to the pressure by virtual work, -(P - P_d) dV/dL, for any outline.
+    """The force due to the pressure, from virtual work: -(P - P_d) dV/dL, for any outline.
 
-    dV/dL is the derivative of the geometry's own volume at constant pressure.
+    dV/dL is the derivative, at constant pressure, of the volume computed by the geometry.
 
-    Elastic threads store part of the work P dV. With their energy U, F = -P dV/dL + dU/dL, and at
+    Elastic threads store part of the work P dV. If U is their energy, F = -P dV/dL + dU/dL, and in
     equilibrium dU = P (dV/dB) dB. The force then follows from the rate at constant B,
 
     dV/dL - (dV/dB) dB/dL,  dV/dB = 2 B V / (B^2 - L^2),
@@ -212,8 +216,8 @@ class VirtualWork(AbstractForceTerm):
     because the stretch scales every diameter in proportion to sqrt(B^2 - L^2).
 
     Attributes:
-        deadband_pressure: P_d [Pa], pressure below which the muscle does not act.
-        at_thread_length: use the rate at constant B; no effect for inelastic threads.
+        deadband_pressure: P_d [Pa], gauge pressure below which the muscle does not pull.
+        at_thread_length: True to use the rate at constant B. It has no effect if the threads are inelastic.
 
     References:
         Chou & Hannaford 1996.
@@ -227,15 +231,15 @@ class VirtualWork(AbstractForceTerm):
     uses_rates: ClassVar[bool] = True
 
     def force(self, at: Dimensions, pressure: Real) -> RealArray:
-        """Return the force [N] due to the pressure, broadcast shape.
+        """Return the force [N] due to the pressure, with the broadcast shape.
 
         Raises:
-            ValueError: the dimensions lack rates, or lack a thread length that is required.
+            ValueError: the dimensions have no rates, or no thread length although it is required.
         """
         if at.rates is None or (self.at_thread_length and at.thread_length is None):
             raise ValueError(
                 "virtual work needs the rate of the volume, from geometry.dimensions_with_rates; with "
-                "at_thread_length, it also needs a geometry whose dimensions have a thread_length"
+                "at_thread_length, it also needs a geometry that computes the thread_length"
             )
         rate = at.rates.volume
         if self.at_thread_length:

@@ -1,4 +1,4 @@
-"""Work along an isobar: the work on the load, and its sources."""
+"""Compute the work done on the load along an isobar, and the sources of this work."""
 
 import functools
 from typing import Any
@@ -21,8 +21,8 @@ class WorkBudget(eqx.Module):
     """Work [J] done in a stroke at constant pressure; every field has the broadcast shape.
 
     Attributes:
-        load: work -int F dL on the load; positive if the muscle shortens and pulls.
-        fluid: work int P dV done by the fluid on the muscle.
+        load: work done on the load, -int F dL; positive if the muscle shortens and pulls.
+        fluid: work done by the fluid on the muscle, int P dV.
         stored: change in the energy stored in bladder and threads.
         bulk: volume [m3] within the outline at the start of the stroke.
     """
@@ -34,7 +34,10 @@ class WorkBudget(eqx.Module):
 
     @property
     def left_over(self) -> RealArray:
-        """Work done by the fluid minus work on load and rubber; negative if the model creates energy."""
+        """Work done by the fluid, minus the work on the load and the stored energy.
+
+        The result is negative if the model creates energy.
+        """
         return self.fluid - self.stored - self.load
 
     @property
@@ -49,26 +52,26 @@ class WorkBudget(eqx.Module):
 
 
 def work_budget(muscle: AbstractMuscle, pressure: Real, start: Real, end: Real) -> WorkBudget:
-    """Compute the work budget for a stroke at constant pressure.
+    """Return the work budget of a stroke at constant pressure.
 
-    In a muscle at equilibrium without losses, all the fluid's work goes into load, bladder and threads.
-    A positive remainder indicates friction or a deadband. A negative remainder means that the force does
-    work without a source. Gaylord's term, derived for a cylinder, does this on a measured shape.
+    In a muscle at equilibrium without losses, all work done by the fluid goes into load, bladder and
+    threads. A positive remainder indicates friction or a deadband. A negative remainder means that the
+    model creates energy. Gaylord's term, which was derived for a cylinder, does so with a measured shape.
 
     Args:
         muscle: a `Muscle` with a geometry and a bladder law, or an `EquilibriumMuscle`.
         pressure: gauge pressure P [Pa].
         start: active length L [m] at the start of the stroke.
-        end: active length [m] at the end of the stroke, such as `length_at_load(0, pressure)`.
+        end: active length L [m] at the end of the stroke, such as `length_at_load(0, pressure)`.
 
     Returns:
-        The budget; nan where the stroke leaves the range of the geometry.
+        The budget; nan if the stroke leaves the range of the geometry.
 
     Raises:
         InputError: the model has no geometry.
 
     References:
-        Chambers 2021, section 6.4.4 (the open question).
+        Chambers 2021, section 6.4.4 (open question).
 
     >>> import famjax
     >>> braid, tube = famjax.Braid(9.89, 1.09, 0.011), famjax.Bladder(9.28125, 0.875, 0.0625)

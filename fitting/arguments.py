@@ -11,11 +11,11 @@ import numpy as np
 from famjax.boundary.errors import InputError
 
 _SHOWN = 60
-"""Number of characters up to which a message shows a value in full."""
+"""Length of the longest value, in characters, that a message shows in full."""
 
 
 def is_number(value: Any) -> bool:
-    """True for a single real number; False for strings, booleans and arrays."""
+    """Return True for a single real number, and False for strings, booleans and arrays."""
     if isinstance(value, bool) or not (
         issubclass(type(value), numbers.Real) or hasattr(value, "dtype")
     ):
@@ -24,7 +24,7 @@ def is_number(value: Any) -> bool:
 
 
 def check_whole(name: str, value: Any, least: int = 0, most: int | None = None) -> int:
-    """Return a whole number as an int.
+    """Check that a value is a whole number within limits, and return it as an int.
 
     Args:
         name: name of the argument.
@@ -33,20 +33,20 @@ def check_whole(name: str, value: Any, least: int = 0, most: int | None = None) 
         most: largest allowed value; None for no limit.
 
     Raises:
-        InputError: the value is not a whole number, or out of range.
+        InputError: the value is not a whole number, or is out of range.
 
     >>> check_whole("starts", 16, 1)
     16
     """
     highest = math.inf if most is None else most
     if not (is_number(value) and math.isfinite(value) and least <= value <= highest) or value % 1:
-        to = f">= {least}" if most is None else f"{least} to {most}"
+        to = f">= {least}" if most is None else f"from {least} to {most}"
         raise InputError(f"{name} must be a whole number {to}, got {shown(value)}")
     return int(value)
 
 
 def check_numbers(name: str, values: Any) -> np.ndarray:
-    """Return values as an array of floats.
+    """Convert values to an array of floats.
 
     Raises:
         InputError: an item is not a number, or rows differ in length.
@@ -58,10 +58,10 @@ def check_numbers(name: str, values: Any) -> np.ndarray:
 
 
 def check_pair(name: str, pair: Any, what: str) -> tuple[float, float]:
-    """Return a pair of numbers, such as bounds.
+    """Check that a value is a pair of numbers, such as bounds, and return it as floats.
 
     Raises:
-        InputError: the pair does not consist of two numbers.
+        InputError: the value is not a pair of numbers.
     """
     given = list(pair) if isinstance(pair, tuple | list | np.ndarray) else []
     if len(given) != 2 or not all(map(is_number, given)):
@@ -116,7 +116,7 @@ def check_float64() -> None:
     """Check that JAX computes in float64.
 
     Raises:
-        RuntimeError: it computes in float32.
+        RuntimeError: JAX computes in float32.
     """
     import jax  # noqa: PLC0415 -- commands read arguments before they start JAX
 

@@ -1,17 +1,17 @@
-"""Compute error bands for predictions from held-out readings and parameter errors.
+"""Compute error bands for predictions, using held-out readings and parameter errors.
 
-The unknown model error is treated as a smooth function of length (and of pressure) that is zero, to
-within the noise, at measured levels. Elsewhere its variance is the error variance of a natural cubic
-spline (kriging with the generalised covariance |h|^3 and a linear drift) times a scale (`model_error`).
-The scale is estimated from held-out levels, combined with a prior common to all muscles because three or
-four levels provide little information. Readings at one length share their error, so each length counts as
-one independent observation, and the interval follows Student's t. The disagreement between models that
-fit equally well is added (`disagreement`).
+The unknown model error is treated as a smooth function of length and of pressure. At measured levels it
+is zero to within the noise. Elsewhere, its variance is a scale (see `model_error`) times the error
+variance of a natural cubic spline (kriging with the generalised covariance |h|^3 and a linear drift).
+The scale is estimated from held-out levels. Three or four levels provide little information, so the
+estimate is combined with a prior that is the same for all muscles. Readings at one length share their
+error, so each length counts as one independent observation. The interval uses Student's t distribution.
+The disagreement between models that fit equally well widens the band (see `disagreement`).
 
-Parameter errors follow linear theory (delta method). Let J be the derivatives of the muscle's numbers
-with respect to the identified parameters, and C the covariance of these parameters. Then J C J^T is the
-covariance of the numbers (`muscle_spread`). It is stored as the columns of a square root: independent
-directions, each one standard deviation long.
+Parameter errors are computed by linear theory (the delta method). Let J be the derivatives of the values
+stored in the muscle with respect to the identified parameters, and C the covariance of these parameters.
+Then J C J^T is the covariance of the stored values (see `muscle_spread`). It is kept as a square root,
+whose rows are independent directions, each one standard deviation long.
 
 References:
     Cressie 1993, Statistics for Spatial Data, section 5.4 (splines as kriging).
@@ -41,16 +41,16 @@ Column: TypeAlias = Float[np.ndarray, " n"]
 """Values at any number of states."""
 
 PRIOR_SCALE = 0.08
-"""Prior scale of the error over length, relative to the largest force. A law that fits to within 1 % is
-typically wrong by a few per cent at lengths outside its map."""
+"""Prior value for the scale of the error over length, relative to the largest force. A law that fits to
+within 1 % is typically wrong by a few per cent at lengths outside its map."""
 
 PRIOR_FREEDOM = 1.5
-"""Number of held-out lengths to which the prior is equivalent."""
+"""Number of held-out lengths that together carry the same weight as the prior."""
 
 _MOST_LEVELS = 128  # of a kind, with which an error between levels is estimated
 DISAGREEMENT = 1.75
-"""Half-width added to the band, relative to the root mean square difference from models that fit equally
-well. Two such models may err in the same direction."""
+"""Ratio of the half-width added to the band to the root mean square difference from models that fit equally
+well. It exceeds 1 because two such models may err in the same direction."""
 
 FLOOR = 0.002
 """Smallest half-width of a band, relative to the largest force."""
@@ -77,12 +77,12 @@ def student_factor(freedom: float) -> float:
 
 @dataclasses.dataclass(frozen=True)
 class Along:
-    """Contribution of one coordinate, length or pressure, to the error.
+    """Contribution of one coordinate (length or pressure) to the prediction error.
 
     Attributes:
         levels: measured levels [m or Pa], ascending.
-        scale: standard deviation [N] where that of the spline is 1.
-        freedom: degrees of freedom of the scale: held-out levels plus those of the prior.
+        scale: standard deviation [N] at a point where the standard deviation of the spline is 1.
+        freedom: degrees of freedom of the scale: number of held-out levels plus `PRIOR_FREEDOM`.
     """
 
     levels: Float[np.ndarray, " levels"]
@@ -90,17 +90,17 @@ class Along:
     freedom: float
 
     def variance(self, at: Column) -> Column:
-        """Variance [N^2] at the given lengths or pressures."""
+        """Return the variance [N^2] at the given lengths or pressures."""
         return self.scale**2 * spline_variance(self.levels, np.asarray(at, float))
 
 
 @dataclasses.dataclass(frozen=True)
 class ModelError:
-    """Prediction error of single readings.
+    """Prediction error for single readings.
 
     Attributes:
         noise: standard deviation [N] at measured states.
-        length, pressure: contributions of the two coordinates.
+        length, pressure: contributions that grow with distance from measured lengths and pressures.
         floor: smallest half-width of a band [N], see `FLOOR`.
     """
 
@@ -110,18 +110,18 @@ class ModelError:
     floor: float
 
     def std(self, length: Column, pressure: Column) -> Column:
-        """Standard deviation [N] of a reading about its prediction, without disagreement between models."""
+        """Return the standard deviation [N] of a reading about its prediction by the chosen model."""
         added = self.length.variance(length) + self.pressure.variance(pressure)
         return np.sqrt(self.noise**2 + added)
 
     def factor(self) -> float:
-        """Half-width of a 95 % Student interval, in standard deviations."""
+        """Return the half-width of the 95 % interval of Student's t, in standard deviations."""
         return student_factor(min(self.length.freedom, self.pressure.freedom))
 
     def half_band(
         self, length: Column, pressure: Column, disagreement: Column | float = 0.0
     ) -> Column:
-        """Half-width [N] of the 95 % band for single readings.
+        """Return the half-width [N] of the 95 % band for single readings.
 
         Args:
             length: active lengths [m].
@@ -138,7 +138,7 @@ class ModelError:
 
     @property
     def covers(self) -> str:
-        """Description of what the interval covers."""
+        """Description of the errors that the interval covers."""
         along = {"lengths": self.length, "pressures": self.pressure}
         judged = [name for name, one in along.items() if one.freedom > PRIOR_FREEDOM]
         seen = (
@@ -146,14 +146,18 @@ class ModelError:
             if judged
             else "assumed from other muscles"
         )
-        few = "" if "lengths" in judged else ". With few lengths, the error over length is assumed"
+        few = (
+            ""
+            if "lengths" in judged
+            else ". There are few lengths, so the error over length is assumed"
+        )
         grows = "it grows with distance from the measured states"
         included = f"the noise of the readings, the model error {seen} ({grows})"
         alike = "the disagreement between models that fit equally well"
         return f"single readings. They include {included}, and {alike}{few}"
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready, in SI."""
+        """Return the error as a JSON-ready dictionary in SI units."""
         document: dict[str, Any] = dataclasses.asdict(self)
         for kind in ("length", "pressure"):
             document[kind]["levels"] = document[kind]["levels"].tolist()
@@ -161,7 +165,7 @@ class ModelError:
 
     @classmethod
     def from_dict(cls, document: Mapping[str, Any]) -> "ModelError":
-        """Inverse of `as_dict`."""
+        """Create a `ModelError` from the output of `as_dict`."""
         kinds = ("length", "pressure")
         along = {
             k: Along(**document[k] | {"levels": np.array(document[k]["levels"])}) for k in kinds
@@ -180,7 +184,7 @@ def model_error(
     Args:
         data: the map.
         residual: in-sample prediction minus reading [N] at the loaded readings.
-        left_out: held-out errors by "length" and "pressure", if available.
+        left_out: held-out errors, under the keys "length" and "pressure"; either key may be missing.
         unknowns: number of fitted parameters.
     """
     freedom = max(residual.size - unknowns, 1)
@@ -216,14 +220,14 @@ def _along(levels: np.ndarray, left_out: LeftOut | None, noise: float, prior: fl
 
 
 def spline_variance(known: Float[np.ndarray, " levels"], at: Column) -> Column:
-    """Error variance of a natural cubic spline (kriging with covariance |h|^3), relative to the range.
+    """Return the error variance of a natural cubic spline (kriging with covariance |h|^3).
 
     Args:
-        known: levels at which the function is known, ascending.
+        known: levels at which the function is known, ascending; their range is the unit of length.
         at: levels at which the variance is evaluated.
 
     Returns:
-        Zero at known levels; larger between them and largest beyond.
+        The variance: zero at the known levels, larger between them, and largest outside their range.
     """
     span = float(np.ptp(known)) or float(known[0]) or 1.0
     x, t = (known - known[0]) / span, (np.asarray(at, float) - known[0]) / span
@@ -236,11 +240,11 @@ def spline_variance(known: Float[np.ndarray, " levels"], at: Column) -> Column:
 
 
 ROWS = 512
-"""Rows per call; fewer are padded, more are split."""
+"""Number of rows in each compiled call; fewer rows are padded, and more are split into several calls."""
 
 
 def _in_rows(function: Callable[..., Any], length: Column, pressure: Column) -> list[np.ndarray]:
-    """Evaluate a function compiled for `ROWS` lengths and pressures at any number of them."""
+    """Evaluate a function, compiled for `ROWS` states, at any number of lengths and pressures."""
     parts = []
     for start in range(0, len(length), ROWS):
         rows = [values[start : start + ROWS] for values in (length, pressure)]
@@ -258,17 +262,20 @@ def pull(
     *,
     rest_length: float | None = None,
 ) -> tuple[Column, Column]:
-    """Forces that the rig measures [N], with standard errors [N] from linear theory; nan where undefined.
+    """Predict the forces [N] that the rig measures, and their standard errors [N]; nan where undefined.
+
+    The standard errors are computed by linear theory.
 
     Args:
         mounted: the identified muscle in its rig.
         spread: from `muscle_spread`; None if the errors are unknown.
         length: active lengths [m] as measured by the rig.
         pressure: gauge pressures [Pa].
-        rest_length: L0 [m] of a muscle cut to another length, see `famjax.cut_to_length`.
+        rest_length: rest length L0 [m] if the muscle is cut to a different length, see
+            `famjax.cut_to_length`.
 
     Raises:
-        ValueError: the muscle cannot be cut to another length.
+        ValueError: the muscle cannot be cut to a different length.
     """
     rig = "compliant" if np.asarray(mounted.compliance).any() else "rigid"
     of = None if rest_length is None else np.asarray(rest_length)
@@ -278,7 +285,7 @@ def pull(
 
 
 def force_of(mounted: famjax.MountedMuscle, length: Column, pressure: Column) -> Column:
-    """Force that the rig measures [N] at lengths [m] and pressures [Pa]; nan where undefined."""
+    """Predict the force [N] measured by the rig at lengths [m] and pressures [Pa]; nan where undefined."""
     muscle = as_arrays(mounted if np.asarray(mounted.compliance).any() else mounted.muscle)
     found = _in_rows(lambda L, P: [_force(muscle, L, P)], length, pressure)
     return found[0] if found else np.zeros(0)
@@ -319,15 +326,15 @@ def _pull(
 def muscle_spread(
     result: Identification, drawn: Bootstrap | None = None
 ) -> Float[np.ndarray, "directions numbers"]:
-    """Directions in which the numbers of the mounted muscle vary, each one standard deviation long.
+    """Return directions in which the mounted muscle's stored values vary, each one standard deviation long.
 
     Args:
-        result: an identification. Parameters that are held or at a bound do not vary.
-        drawn: its bootstrap; the bootstrap covariance then replaces that from linear theory.
+        result: an identification. Parameters that are held fixed or at a bound do not vary.
+        drawn: bootstrap of this identification. If given, its covariance replaces the linear-theory one.
 
     Returns:
-        One row for each independent direction, over the concatenated arrays of `result.mounted`; no rows
-        if there are no standard errors.
+        One row for each independent direction. Its columns correspond to the concatenated arrays in
+        `result.mounted`. There are no rows if there are no standard errors.
     """
     covariance = result.covariance
     if drawn is not None:
@@ -339,7 +346,7 @@ def muscle_spread(
 
 
 def numbers_by_parameters(result: Identification) -> Float[np.ndarray, "numbers p"]:
-    """Derivatives of the mounted muscle's numbers (the rig's last) with respect to all unknowns."""
+    """Return derivatives of the mounted muscle's values (the rig's last) with respect to all unknowns."""
     problem, point = result.problem, result.end.point
     part, q = problem.parts[result.place], len(problem.names)
     slope = report_of(part, point, result.place).d_numbers
@@ -370,10 +377,10 @@ TELLING = 0.03
 def disagreement(
     force: Column, alike: Collection[famjax.MountedMuscle], length: Column, pressure: Column
 ) -> Column:
-    """Root mean square difference [N] between a force and that of other muscles; 0 if there are none.
+    """Return the RMS difference [N] between a force and those of other muscles; 0 if there are none.
 
     Args:
-        force: force of the predicting model [N].
+        force: force [N] from the model used for predictions.
         alike: mounted muscles that fit the readings equally well.
         length: active lengths [m].
         pressure: gauge pressures [Pa].
@@ -393,11 +400,11 @@ def where_they_differ(
 
     Args:
         data: the map.
-        chosen: the predicting model.
+        chosen: the model used for predictions.
         alike: see `disagreement`.
 
     Returns:
-        A sentence that says where to measure; "" if they agree to within 3 % of the largest force.
+        A sentence that says where to measure; "" if the models agree to within 3 % of the largest force.
     """
     lengths = np.unique(data.lengths.level[data.loaded])
     if not alike or lengths.size < 2:
@@ -412,10 +419,14 @@ def where_they_differ(
         return ""
     gap = worst // part.size
     return Sentence(
-        *("Models that fit equally well differ by ", Quantity(float(differ[worst]), "force", 2)),
+        *(
+            "Models that fit equally well differ by up to ",
+            Quantity(float(differ[worst]), "force", 2),
+        ),
         f" ({100 * differ[worst] / data.max_force:.2g} % of the largest force) between the lengths ",
         *(Quantity(float(lengths[gap]), "length"), " and "),
         *(Quantity(float(lengths[gap + 1]), "length"), ", most at "),
         Quantity(float(L[worst]), "length", 4),
-        ". Measure at one more length there; until then, rely on the band, not on the curve.",
+        ". Take readings at one more length in this interval. Until then, rely on the error band "
+        "rather than on the predicted curve.",
     )

@@ -26,28 +26,34 @@ _ALIKE = 0.5  # decades within which two guesses are equally likely
 
 
 def check_law(law: Law, constraint: str) -> None:
-    """Check that the options are valid and can be combined."""
+    """Check that the law and the constraint are valid and can be combined."""
     if constraint not in CONSTRAINTS:
         raise InputError(
             f"the constraint must be one of {', '.join(CONSTRAINTS)}, got {constraint!r}"
         )
     of = type(law.material).__name__
     if constraint == "slope" and law.material.directions_interact:
-        raise InputError(f"the two directions interact in {of}: use drucker instead of slope")
+        raise InputError(
+            f"the constraint slope cannot be used with {of}, in which the axial and hoop directions "
+            "interact: use drucker"
+        )
 
 
 def known_bounds(
     data: ForceData, geometry: famjax.geometries.AbstractGeometry, given: Mapping[str, object]
 ) -> dict[str, tuple[float, float]]:
-    """Return diameter and angle of a known geometry at rest, unpressurised, as fixed parameters.
+    """Return the diameter and angle of a known geometry, at rest and unpressurised, as fixed parameters.
 
     Raises:
-        InputError: the rest length differs from the specimen's, or a known parameter has bounds.
+        InputError: the rest length differs from that of the specimen, or bounds were given for a parameter
+            that the geometry defines.
     """
     rest = float(geometry.rest_length)
     if abs(rest / data.specimen.rest_length - 1) > 1e-6:
         both = f"{rest * 1e3:.6g} mm and {data.specimen.rest_length * 1e3:.6g} mm"
-        raise InputError(f"the rest lengths of geometry and specimen must be equal, got {both}")
+        raise InputError(
+            f"the geometry and the specimen must have the same rest length, got {both}"
+        )
     at = geometry.dimensions(rest, 0.0)
     known = {"braid_diameter": 2 * float(at.radius), "braid_angle": float(at.braid_angle)}
     said = [name for name in known if name in given and name not in geometry.declared()]
@@ -64,31 +70,33 @@ def check_specimen(
     *,
     censored: bool,
 ) -> None:
-    """Check that parameters suit the geometry and the measured lengths, and that priors can be weighted."""
+    """Check that the parameters suit the geometry and the lengths, and that priors can be weighted."""
     cylinder = KINDS.keys() - standard_table(data.specimen).keys()
     named = sorted(cylinder & table.keys() - source.declared.keys())
     if named and getattr(source, "known", None) is not None:
-        raise InputError(f"a known geometry has no {' or '.join(named)}: remove this parameter")
+        raise InputError(f"a known geometry has no parameter {' or '.join(named)}: remove it")
     if "braid_compliance" in named and getattr(source, "thread", None) is not None:
-        raise InputError("remove braid_compliance: the threads of this geometry already have a law")
+        raise InputError("this geometry already has a law for the threads: remove braid_compliance")
     if censored and "series_compliance" in table:
         raise InputError("censored readings cannot be combined with series_compliance")
     _check_lengths(data, table)
     priors = [name for name, entry in table.items() if entry.prior is not None]
     if noise is not None and not (is_number(noise) and 0 < noise < math.inf):
-        raise InputError(f"the noise of a reading must be a force > 0 in N, got {noise!r}")
+        raise InputError(
+            f"noise, the standard deviation of a reading in N, must be > 0, got {noise!r}"
+        )
     if noise is not None and data.force_std is not None:
         raise InputError("the readings already have a force_std: omit noise")
     if priors and noise is None and data.force_std is None:
         raise InputError(
-            f"the prior of {', '.join(priors)} is weighted against the force noise, which is unknown: set "
-            "noise, the standard deviation of a reading in N (--error noise_N=1.5), or add a column "
+            f"the prior on {', '.join(priors)} is weighted against the force noise, which is unknown: set "
+            "noise to the standard deviation of a reading in N (--error noise_N=1.5), or add a column "
             "force_std"
         )
 
 
 def _check_lengths(data: ForceData, table: Mapping[str, Entry]) -> None:
-    """Check that a braid within the bounds can reach every length."""
+    """Check that a braid within the bounds can reach every measured length."""
     rest, steepest = data.specimen.rest_length, table["braid_angle"].max
     rest = table["rest_length"].min if "rest_length" in table else rest
     longest = rest / math.sin(steepest)
@@ -102,22 +110,22 @@ def _check_lengths(data: ForceData, table: Mapping[str, Entry]) -> None:
     elif not gives and data.length[short] <= shortest:
         reading = int(short)
         said = (
-            f"a contraction of {1 - data.length[short] / rest:.3f}, but a braid of at most "
+            f"a contraction of {1 - data.length[short] / rest:.3f}, but a braid with an angle of at most "
             f"{math.degrees(steepest):.4g} deg does not pull at lengths below {shortest * 1e3:.5g} mm"
         )
     else:
         return
     raise InputError(
         f"reading {reading + 1} has a length of {data.length[reading] * 1e3:.5g} mm, {said} (rest length "
-        f"{rest * 1e3:.5g} mm). Check both and their units, and that all readings are from one muscle"
-        f"{_likely_length_fault(data)}"
+        f"{rest * 1e3:.5g} mm). Check both lengths and their units, and that all readings are from one "
+        f"muscle{_likely_length_fault(data)}"
     )
 
 
 def check_count(data: Sequence[ForceData], law: Law, table: Mapping[str, Entry]) -> None:
     """Check that there are enough readings for the parameters and enough lengths for the coefficients.
 
-    Specimens identified together are pooled: a shared parameter counts once.
+    For specimens identified together, readings are added up and a shared parameter is counted once.
     """
     readings = sum(int(one.loaded.sum()) for one in data)
     free = {name for name, entry in table.items() if not entry.fixed}
@@ -127,13 +135,14 @@ def check_count(data: Sequence[ForceData], law: Law, table: Mapping[str, Entry])
     if readings < geometry + laws:
         raise InputError(
             f"{readings} loaded readings cannot determine {geometry + laws} parameters "
-            f"({geometry} of the geometry, {laws} coefficients): take more readings, or fix some parameters"
+            f"({geometry} geometry parameters, {laws} coefficients): take more readings, or fix some "
+            "parameters"
         )
     strained = sum(np.unique(one.lengths.level[one.strained]).size for one in data)
     if laws and strained < law.order and not law.material.depends_on_pressure:
         raise InputError(
-            f"a law of order {law.order} needs loaded readings at {law.order} or more lengths away from "
-            f"the rest length; there are {strained}: use a lower order, or measure at more lengths"
+            f"a law of order {law.order} needs loaded readings at {law.order} or more lengths other than "
+            f"the rest length, but there are {strained}: use a lower order, or measure at more lengths"
         )
 
 
@@ -142,9 +151,9 @@ _AFFINE = 1e-7  # rounding of an affine force, relative to the largest column
 
 
 def check_affine(problem: Problem) -> None:
-    """Check that the force is affine in the coefficients that a user's class declares linear.
+    """Check that the force is affine in the coefficients that a user's class declares as linear.
 
-    The derivatives at zero and at nonzero coefficients must agree. The laws of famjax are affine.
+    The derivatives at zero and at nonzero coefficients must agree. famjax's own laws are not checked.
     """
     problem = problem.thinned()
     batch = Batch([problem])
@@ -170,7 +179,7 @@ def check_affine(problem: Problem) -> None:
 
 
 def check_solvable(problem: Problem, data: Sequence[ForceData]) -> None:
-    """Check that the convex fit has a solution in the middle of the bounds."""
+    """Check that the convex fit has a solution when all parameters are midway between their bounds."""
     point = solve(problem, problem.low + (problem.high - problem.low) / 2, tolerance=_ROUGH)
     count = problem.force.size
     lost = np.flatnonzero(~np.isfinite(point.A[:count]).all(axis=1) | ~np.isfinite(point.b[:count]))
@@ -181,20 +190,21 @@ def check_solvable(problem: Problem, data: Sequence[ForceData]) -> None:
             f"{lengths[lost[0]] * 1e3:.5g} mm): the bladder does not fit in the braid, the length cannot "
             "be reached or was not measured, or a law or term returns nan. Check the specimen's "
             "wall_thickness, nominal_diameter and bladder_diameter (diameters, not radii), its rest "
-            "length, their units, and your own terms"
+            "length, their units, and any laws and terms of your own"
             f"{_likely_length_fault(data[0])}"
         )
     if not np.isfinite(point.G).all():
         raise InputError(
-            "the constraint cannot be evaluated: the actuation path, which includes slack readings, leaves "
-            "the range of the geometry. Remove readings at shorter lengths, or use --constraint none"
+            "the constraint cannot be evaluated: the actuation path, which includes slack readings, "
+            "extends beyond the range of the geometry. Remove the readings at the shortest lengths, or "
+            "use --constraint none"
         )
     if point.status in {Status.RANK_DEFICIENT, Status.INFEASIBLE}:
         raise InputError(point.status.message)
 
 
 def _likely_length_fault(data: ForceData) -> str:
-    """Return ". It looks as if" and the likely mistake in a unit of length, or ""."""
+    """Return ". It looks as if" and the likely mistake in a unit of length; "" if none is likely."""
     rest, length = data.specimen.rest_length, data.length[data.loaded]
     known, said = UNITS["length"], data.units.get("length", "mm")
     words = {unit: unit for unit in known} | {"in": "inches"}

@@ -1,4 +1,4 @@
-"""`choose`: select the family that best predicts held-out readings."""
+"""Choose the model family that best predicts held-out readings."""
 
 import contextlib
 import dataclasses
@@ -39,7 +39,9 @@ from .search import check_objective
 from .series import FROM_ONE, accounts
 from .validation import LeftOut, levels_of_groups
 
-_NO_FORCE = "in every family, the force is undefined (nan) at some reading: narrow the bounds"
+_NO_FORCE = (
+    "in every family, the force is undefined (nan) at one or more readings: narrow the bounds"
+)
 _COMPARED = 4  # starts of each family
 _HOPELESS = 4.0  # times the least RMSE in sample: nothing is left out of such a family
 
@@ -50,11 +52,11 @@ class Choice:
 
     Attributes:
         data: the map.
-        chosen: identification of the chosen family, used for predictions; its outlook contains the
-            prediction error, the families that fit the data equally well, and muscles of other lengths.
+        chosen: fit of the chosen family, used for predictions. Its `outlook` contains the prediction error,
+            the families that fit the data equally well, and the models for other rest lengths.
         tried: all families: the chosen one first, then the others in order of held-out error.
-        dropped: sentences on families that were left out, and other remarks on the choice.
-        open_question: a sentence on where families that fit equally well differ, and which further
+        dropped: sentences about families that were left out, and other remarks on the choice.
+        open_question: a sentence that states where families that fit equally well differ, and which further
             readings would decide between them; "" if they agree.
     """
 
@@ -91,21 +93,21 @@ class Choice:
 
     @property
     def clear(self) -> str:
-        """Explanation of how clear the choice was."""
+        """Statement of how clearly the chosen family predicts better than the others."""
         first, *others = self.tried
         if not others:
-            return f"Only {self.name} could be tried: the map is too small for more."
+            return f"Only {self.name} could be tried: the map is too small for other families."
         near = [one.candidate.name for one in others if one.held_out <= NEAR * first.held_out]
         found = f"{self.name} predicts held-out readings best."
         if near:
             found = (
-                f"Not clear: {' and '.join(near)} and {self.name} predict held-out readings about "
-                f"equally well; {self.name} is kept."
+                f"The choice is not clear: {' and '.join(near)} and {self.name} predict held-out readings "
+                f"about equally well. {self.name} is kept."
             )
         if self.alike:
             found += (
-                f" The RMSE of {', '.join(self.alike)} is at most {ALIKE:g} times the smallest: the error "
-                "band includes the disagreement between these models."
+                f" The RMSE of {', '.join(self.alike)} is at most {ALIKE:g} times the smallest, so the "
+                "error band includes the disagreement between these models."
             )
         return found
 
@@ -119,13 +121,13 @@ class Choice:
     def predict(
         self, length: Float[np.ndarray, "..."], pressure: Float[np.ndarray, "..."]
     ) -> Float[np.ndarray, "..."]:
-        """Force [N] of the chosen model at lengths [m] and gauge pressures [Pa], broadcast."""
+        """Predict the force [N] at lengths [m] and gauge pressures [Pa], which are broadcast."""
         return self.chosen.predict(length, pressure)
 
     def half_band(
         self, length: Float[np.ndarray, " n"], pressure: Float[np.ndarray, " n"]
     ) -> Float[np.ndarray, " n"]:
-        """Half-width [N] of the 95 % band for single readings at lengths [m] and pressures [Pa]."""
+        """Return the half-width [N] of the 95 % band for readings at lengths [m] and pressures [Pa]."""
         force = self.predict(length, pressure)
         return self.error.half_band(
             length, pressure, disagreement(force, self.alike.values(), length, pressure)
@@ -146,29 +148,29 @@ def choose(
     seed: int = 0,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> Choice:
-    """Choose the model for a force map from a ladder of families by cross-validation.
+    """Choose the model for a force map by cross-validating a ladder of families.
 
-    Each family is fitted to all readings, and again without each length and without groups of
-    neighbouring pressures. The family with the smallest held-out error is chosen. If the map has too few
+    Each family is fitted to all readings. It is then refitted without each length, and without each group
+    of neighbouring pressures. The family with the smallest held-out error is chosen. If the map has too few
     lengths to leave one out, the first family on the ladder within 1.5 times the smallest error is chosen.
     Families with more than four times the smallest RMSE are not cross-validated. A family without a
-    certified optimum is passed over if another has at most twice its error.
+    certified optimum is passed over if one with a certified optimum has at most twice the smallest error.
 
     Args:
         data: the map.
         constraint: constraint on the coefficients of every family, as in `identify`.
-        bounds: intervals by parameter name, which the ladder does not vary.
-        parameters: bounds, held values and priors, which the ladder does not vary.
+        bounds: intervals by parameter name, the same for every family.
+        parameters: bounds, fixed values and priors, the same for every family.
         noise: standard deviation of one reading [N]; taken from the data if omitted.
-        objective: objective for the chosen family.
-        ends: "equilibrium" also tries Ogden's law with the shape from mechanics, see `identify`.
-        other_lengths: also fit what predicts muscles of other rest lengths, see `predict`.
-        starts: number of starts for the chosen family; families are compared with at most four.
+        objective: objective with which the chosen family is fitted.
+        ends: "equilibrium" also tries Ogden's law with the shape computed from mechanics, see `identify`.
+        other_lengths: also fit the models that predict muscles of other rest lengths, see `predict`.
+        starts: number of starts for the chosen family; the comparison uses at most four for each family.
         seed: random seed for the starts.
-        progress: called with (task, steps done, steps).
+        progress: called with (task, steps done, total steps).
 
     Returns:
-        The choice.
+        The chosen model, and the results of all families.
 
     Raises:
         InputError: the data cannot support the simplest family; see `identify`.
@@ -200,7 +202,9 @@ def choose(
     told = list(zip(candidates, found, strict=False))
     families = [fit for _, fit in told if isinstance(fit, Fitted)]
     for why in dict.fromkeys(one for _, one in told if isinstance(one, str)):
-        dropped += (f"Left out: {'; '.join(one.name for one, of in told if of == why)}. {why}",)
+        dropped += (
+            f"Left out: {'; '.join(one.name for one, of in told if of == why)}. Reason: {why}",
+        )
     if not families:
         raise InputError(_NO_FORCE)
     least = min(one.rmse for one in families)
@@ -240,9 +244,9 @@ def choose(
     if part < (whole := families[place].posed.problem.force.size):
         dropped += (
             f"{part} of {whole} readings, spread evenly, were used to choose the model and to compute the "
-            "held-out errors. The model was fitted to all readings.",
+            "held-out errors. The chosen model was then fitted to all readings.",
         )
-    dropped += tuple(f"{name} was not kept: its fit did not converge." for name in passed)
+    dropped += tuple(f"{name} was not chosen: its fit did not converge." for name in passed)
     winner, chosen = tried[place], fits[place]
     alike = {
         one.candidate.name: one.mounted
@@ -285,7 +289,7 @@ _HEADER = {
 
 
 def choice_as_dict(choice: Choice) -> dict[str, Any]:
-    """JSON-ready, SI."""
+    """Return the choice as a JSON-ready dictionary in SI units."""
     return {
         "chosen": choice.name,
         "clear": choice.clear,
@@ -309,7 +313,7 @@ def choice_as_dict(choice: Choice) -> dict[str, Any]:
 
 
 def choice_table(choice: Choice, system: str) -> tuple[str, tuple[str, ...], list[tuple[str, ...]]]:
-    """Return title, header and text rows: the chosen family, then the others by held-out error."""
+    """Return the title, header and rows of a table: the chosen family, then others by held-out error."""
     unit = unit_system(system)["force"]
 
     def force(value: float) -> str:
@@ -324,7 +328,9 @@ def choice_table(choice: Choice, system: str) -> tuple[str, tuple[str, ...], lis
         )
         for one in choice.tried
     ]  # fmt: skip
-    title = f"Models tried, RMSE in {unit}. The held-out error is the geometric mean of held-out columns."
+    title = (
+        f"RMSE of all models tried, {unit}. Held-out error: geometric mean of the held-out columns."
+    )
     out = (_HEADER[kind] for kind in kinds)
     return title, ("family", "unknowns", "in sample", *out, "held-out error", ""), rows
 
@@ -336,7 +342,7 @@ MOST = 20
 
 @dataclasses.dataclass(frozen=True)
 class NestedValidation(LeftOut):
-    """Errors on readings that were used neither for the fits nor for the choice.
+    """Errors on readings that were used neither to fit the models nor to choose between them.
 
     Each "pressure" or each "length" was left out in turn; if there are many, neighbouring ones were left
     out together.
@@ -344,7 +350,7 @@ class NestedValidation(LeftOut):
     Attributes:
         inside: whether each reading lies within the 95 % band of its prediction.
         width: full width [N] of that band.
-        names: family chosen without each group.
+        names: name of the family that was chosen when each group was left out.
     """
 
     inside: Bool[np.ndarray, " points"]
@@ -366,10 +372,10 @@ def validate_choice(
     progress: Callable[[int, int], None] | None = None,
     **options: Any,
 ) -> NestedValidation:
-    """Cross-validate a choice on pressures or lengths used neither for its fits nor for the choice.
+    """Cross-validate a choice: choose again without each pressure or length, and predict its readings.
 
-    Every level requires a new choice, which takes one core five seconds for a hundred readings. Two
-    processes save time from four levels upwards.
+    Each new choice takes five seconds on one core for a hundred readings. Two processes save time if there
+    are four or more levels.
 
     Args:
         choice: from `choose`.

@@ -1,7 +1,7 @@
-"""Compare published static models and famjax's own on one force map.
+"""Compare published static models with famjax's own on one force map.
 
-Every model, published or not, is a family of parameters. All are fitted, refitted and used to predict in
-the same way.
+Every model, published or not, is a family with free parameters. All models are fitted to the map, refitted
+without some of its readings, and used to predict those readings, in the same way.
 """
 
 import dataclasses
@@ -39,8 +39,8 @@ _RIDGE = 1e-9  # for columns of unit length: far below the weight of any reading
 _STARTS = 4  # for each refit of famjax's own models, as in `validate`
 
 OwnModel: TypeAlias = ModelFamily | famjax.AbstractMuscle | type | str
-"""A user's own model: a model with declared parameters, or its family; or the class, or `module:Class`,
-of a model, law, geometry or term."""
+"""A user's own model: an instance with declared parameters, its `ModelFamily`, or the class (also as
+`module:Class`) of a model, law, geometry or force term."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,9 +48,9 @@ class PeerFit:
     """A published model fitted to a force map.
 
     Attributes:
-        family: parameters with units and bounds.
-        problem: the problem solved.
-        end: end of the best descent.
+        family: the model, and its parameters with units and bounds.
+        problem: the least-squares problem that was solved.
+        end: end point of the best descent.
     """
 
     family: ModelFamily
@@ -59,12 +59,12 @@ class PeerFit:
 
     @property
     def predicted(self) -> Float[np.ndarray, " points"]:
-        """Force [N] at the loaded readings."""
+        """Predicted force [N] at the loaded readings."""
         return self.end.point.force
 
     @property
     def values(self) -> dict[str, float]:
-        """Parameters by name [SI]."""
+        """Values of the parameters [SI], by name."""
         numbers = (*self.end.point.parameters.tolist(), *self.end.point.x.tolist())
         return dict(zip(self.problem.names + self.problem.linear, numbers, strict=True))
 
@@ -80,7 +80,7 @@ class PeerFit:
         return tuple(np.array(problem.names + problem.linear)[reached].tolist())
 
     def determines(self, kept: Bool[np.ndarray, " points"]) -> bool:
-        """True if these readings determine the predictions at the others."""
+        """Return whether the kept readings determine the predictions at the other readings."""
         _, jacobian, _ = joint_derivatives(self.end.point)
         columns = jacobian[: kept.size]
         size = np.linalg.norm(columns[kept], axis=0)
@@ -99,7 +99,7 @@ def fit_peer(
 
     Args:
         name: one of `peer_families(data)`, or your own family.
-        data: the force map. Readings are weighted by 1/std, if given.
+        data: the force map. Readings are weighted by 1/`force_std`, if it is given.
         starts: number of starts.
         seed: random seed for the starts.
 
@@ -112,13 +112,15 @@ def fit_peer(
     check_whole("starts", starts, 1)
     known = peer_families(data)
     if isinstance(name, str) and name not in known:
-        raise InputError(f"unknown peer {name!r}; available for this map: {', '.join(known)}")
+        raise InputError(
+            f"unknown published model {name!r}; available for this map: {', '.join(known)}"
+        )
     family = known[name] if isinstance(name, str) else name
     points, needed = int(data.loaded.sum()), len(family.declared)
     if points < needed:
         raise InputError(
             f"{family.label} has {needed} parameters, but the map has {points} loaded readings: "
-            "take more readings, or choose a peer with fewer parameters"
+            "take more readings, or choose a model with fewer parameters"
         )
     problem, searched = _posed(family, data), len(family.searched)
     begin = latin_hypercube(searched, starts if searched else 1, seed)
@@ -126,8 +128,9 @@ def fit_peer(
         best = best_of(descend_all(problem, begin))
     except InputError:
         raise InputError(
-            f"from every start, the force of {family.label} is undefined (nan) at some reading: the model "
-            "may not apply to a muscle longer than its rest length; check the lengths and the rest length"
+            f"from every starting point, the force of {family.label} is undefined (nan) at some reading. "
+            "The model may not apply to a muscle longer than its rest length: check the lengths and the "
+            "rest length"
         ) from None
     return PeerFit(family, problem, best)
 
@@ -161,7 +164,7 @@ def _posed(family: ModelFamily, data: ForceData) -> Problem:
 
 @dataclasses.dataclass(frozen=True)
 class _Fit:
-    """A fitted model with the entries of its table row.
+    """A fitted model and the values for its row in the table.
 
     Attributes:
         n_parameters, at_bound, notes: see `ComparisonRow`.
@@ -177,7 +180,7 @@ class _Fit:
 
 
 def _chosen(data: ForceData, starts: int, seed: int) -> _Fit:
-    """Make the automatic choice; repeat it without each length and each of eight groups of pressures."""
+    """Choose a model automatically; repeat the choice without each length and pressure group (of eight)."""
     choice = choose(data, starts=starts, seed=seed)
     result = choice.chosen
     return _Fit(
@@ -237,16 +240,16 @@ def _as_model(family: ModelFamily) -> _Model:
 
 @dataclasses.dataclass(frozen=True)
 class ComparisonRow:
-    """One model in the table. Errors are at loaded readings [N]; nan if unavailable.
+    """One row of the comparison table. Errors [N] are for the loaded readings; nan if unavailable.
 
     Attributes:
         name: name of the model.
         label: authors and variant.
         n_parameters: number of fitted parameters.
-        rmse, max_error: in-sample errors.
-        lopo_rmse: error with each pressure left out in turn.
-        lolo_interior_rmse: error with each length left out, without the shortest and longest.
-        lolo_rmse: error with each length left out.
+        rmse, max_error: in-sample RMSE and largest error.
+        lopo_rmse: held-out RMSE with each pressure left out in turn.
+        lolo_interior_rmse: held-out RMSE with each length left out, excluding the shortest and longest.
+        lolo_rmse: held-out RMSE with each length left out.
         at_bound: parameters at a bound.
         note: remarks.
     """
@@ -263,7 +266,7 @@ class ComparisonRow:
     note: str = ""
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready row: null for nan, lists for tuples, and units in the keys."""
+        """Return the row as JSON-ready data: null for nan, lists for tuples, and units in the keys."""
         return {
             f"{key}_N" if isinstance(value, float) else key:
             finite_or_none(value) if isinstance(value, float) else value
@@ -284,7 +287,7 @@ class Comparison:
     rows: tuple[ComparisonRow, ...]
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready table with units in the keys."""
+        """Return the table as JSON-ready data with units in the keys."""
         return {
             "specimen": self.data.specimen.name,
             "sha256": self.data.sha256,
@@ -305,29 +308,29 @@ def compare(
     resume: Path | str | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Comparison:
-    """Compare published and other models on one force map.
+    """Compare published models, famjax's models and your own on one force map.
 
-    Every model is fitted to all loaded readings, and again without each pressure and each length, which are
-    then predicted. The bounds of the peers are wide, see `peer_families`.
+    Every model is fitted to all loaded readings. It is then refitted without each pressure and each length,
+    and predicts the readings left out. The bounds of the published models are wide, see `peer_families`.
 
     Args:
         data: the force map.
-        models: names of published models or famjax_choice, famjax_cubic, famjax_ogden; all by default.
-        own: further models, see `OwnModel`.
+        models: names of published models, or famjax_choice, famjax_cubic, famjax_ogden; all by default.
+        own: your own models, see `OwnModel`.
         starts: number of starts for each nonlinear fit.
         seed: random seed for the starts.
         executor: executor for the models, each of which is a task, see
             `famjax.boundary.tasks.AnyExecutor`.
-        resume: JSONL file for finished rows, created if missing, from which an interrupted comparison
-            continues. Own models are identified by their names.
+        resume: JSONL file that stores finished rows, so that an interrupted comparison can continue. It is
+            created if missing. Your own models are recognised only by their names.
         progress: called with (models done, total).
 
     Returns:
-        The table. A model that cannot be fitted to this map has a note and no errors.
+        The table. A model that cannot be fitted to this map has a note instead of errors.
 
     Raises:
-        InputError: an unknown name, a map with only one pressure or length, a `resume` file from
-            another comparison, or a failed executor.
+        InputError: a name is unknown, the map has only one pressure or length, the `resume` file is from
+            another comparison, or the executor failed.
     """
     check_maps(data)
     check_seed(seed)
@@ -340,8 +343,8 @@ def compare(
     for kind in KINDS:
         if np.unique(data.levels(kind)[data.loaded]).size < 2:
             raise InputError(
-                f"leaving out a {kind} needs loaded readings at two or more {kind}s; all "
-                f"{int(data.loaded.sum())} readings share one {kind}"
+                f"leaving out a {kind} requires loaded readings at two or more {kind}s, but all "
+                f"{int(data.loaded.sum())} are at one {kind}"
             )
     tasks = [*chosen, *(_own_model(one, data) for one in own)]
     names = [one if isinstance(one, str) else one[0] for one in tasks]
@@ -366,10 +369,10 @@ def _place(row: ComparisonRow) -> tuple[float, float, int]:
 
 
 def _own_model(given: OwnModel, data: ForceData) -> tuple[str, _Model]:
-    """Return name and table entry of a user's own model.
+    """Return the name and table entry of a user's own model.
 
     Raises:
-        InputError: an unknown class, or a class that cannot be fitted alone.
+        InputError: the class is unknown, or some of its fields have no known value.
     """
     if isinstance(given, famjax.AbstractMuscle):
         given = ModelFamily.of(given)
@@ -385,7 +388,7 @@ def _own_model(given: OwnModel, data: ForceData) -> tuple[str, _Model]:
         try:
             return path, _as_model(ModelFamily.of(kind.template(**known), path))
         except ValueError as error:
-            raise InputError(f"{path} cannot be fitted from its class alone: {error}") from None
+            raise InputError(f"the model {path} cannot be created for the fit: {error}") from None
     if issubclass(kind, famjax.materials.AbstractMaterial):
         options: dict[str, Any] = {"law": kind}
     else:
@@ -398,7 +401,7 @@ def _own_model(given: OwnModel, data: ForceData) -> tuple[str, _Model]:
 def _row(
     data: ForceData, starts: int, seed: int, model: str | tuple[str, _Model]
 ) -> dict[str, Any]:
-    """Return the table row of a model as plain values; a model that cannot be fitted has only a note."""
+    """Return a model's table row as plain values; a model that cannot be fitted has only a note."""
     name, (label, note, fitted) = (model, _models(data)[model]) if isinstance(model, str) else model
     notes = [note] if note else []
     try:

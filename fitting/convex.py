@@ -2,17 +2,17 @@
 
     minimise 1/2 |A x - b|^2   subject to   G x >= h
 
-The columns are scaled and the rows compressed by one QR factorisation, A = Q R. In y = R x the optimum is
-the point of a polyhedron nearest to Q^T b. A dual active-set method finds it: it starts at the
-unconstrained optimum, the most violated row enters, and rows whose multiplier would change sign leave.
-N contains the normals of the active rows. The method stores the blocks of the inverse of the optimality
-system,
+The columns are scaled and the rows compressed by one QR factorisation, A = Q R. In terms of y = R x, the
+optimum is the point of a polyhedron nearest to Q^T b. A dual active-set method finds this point, starting
+at the unconstrained optimum. In each step the most violated row enters the active set, and rows whose
+multipliers would change sign leave it. If N contains the normals of the active rows, the inverse of the
+optimality system has the blocks
 
-    P = I - N^T (N N^T)^-1 N,   N* = (N N^T)^-1 N,
+    P = I - N^T (N N^T)^-1 N,   N* = (N N^T)^-1 N.
 
-and updates both with a rank-one matrix for each row that enters or leaves. Derivatives follow from the
-implicit function theorem on the active rows; they are exact if no multiplier is zero. Every function solves
-one problem, in float32 or float64; use `jax.vmap` for a batch.
+The method stores both and updates them with a rank-one matrix for each row that enters or leaves.
+Derivatives follow from the implicit function theorem on the active rows; they are exact if no multiplier is
+zero. Every function solves one problem, in float32 or float64; use `jax.vmap` for a batch.
 
 References:
     Goldfarb & Idnani 1983, Mathematical Programming 27, 1-33.
@@ -45,7 +45,7 @@ def bucket(count: int, least: int = 8) -> int:
 
 
 class Status(enum.IntEnum):
-    """Outcome of a quadratic programme; `message` states the remedy."""
+    """Outcome of a quadratic programme; `message` describes it and suggests a remedy."""
 
     OPTIMAL = 0
     RANK_DEFICIENT = 1
@@ -54,7 +54,7 @@ class Status(enum.IntEnum):
 
     @property
     def message(self) -> str:
-        """Description of the status, with a remedy."""
+        """Description of the outcome, with a remedy for a failure."""
         return _MESSAGES[self]
 
 
@@ -66,11 +66,11 @@ _MESSAGES = {
     ),
     Status.INFEASIBLE: (
         "no coefficients satisfy the constraints: the bounds on the coefficients contradict the "
-        "constraint, or one another; widen them or choose a weaker constraint"
+        "constraint or one another. Widen the bounds or choose a weaker constraint"
     ),
     Status.STALLED: (
-        "the active set kept changing: check the data for columns of very different magnitude, "
-        "or nearly identical constraint rows"
+        "the solver stalled because its active set kept changing: check for columns of very "
+        "different magnitude and for nearly identical constraint rows"
     ),
 }
 
@@ -81,7 +81,7 @@ class Optimum(eqx.Module):
     Attributes:
         x: minimiser, shape (n,); nan unless `status` is OPTIMAL.
         multipliers: multipliers of the rows of G x >= h, shape (m,), >= 0.
-        active: true for rows that hold with equality and have a multiplier, shape (m,).
+        active: true for rows that are satisfied with equality and have a multiplier, shape (m,).
         objective: 1/2 |A x - b|^2.
         kkt_residual: largest violation of the optimality conditions, relative to |b|.
         duality_gap: primal minus dual objective, relative to the objective.
@@ -109,7 +109,7 @@ def solve_qp(
     """Minimise 1/2 |A x - b|^2 subject to G x >= h, and certify the optimum.
 
     Args:
-        A: design matrix, any units per column, k >= n.
+        A: design matrix, k >= n; each column may have its own unit.
         b: data.
         G: constraint rows; a row of zeros with h <= 0 switches a constraint off.
         h: constraint offsets.
@@ -194,7 +194,7 @@ def certificate_of(
     multipliers: Float[Array, " m"],
     to_x: Float[Array, "n n"],
 ) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
-    """Return objective, KKT residual and duality gap at a point of the original problem.
+    """Return the objective, the KKT residual and the duality gap at a point of the original problem.
 
     Args:
         A: design matrix.
@@ -229,11 +229,11 @@ class NearestPoint(eqx.Module):
 
     Attributes:
         y: the point, shape (n,).
-        inverse: P above N* of the active rows, shape (2 n, n).
+        inverse: P stacked on N* for the active rows, shape (2 n, n).
         multipliers: multipliers of the slots, shape (n,); zero if unused.
         rows: row of G in each slot, shape (n,).
         used: true for slots with an active row, shape (n,).
-        entering, entering_multiplier: row that enters next, -1 if none.
+        entering, entering_multiplier: row that enters next (-1 if none), and its multiplier.
         steps: number of rows that entered or left.
         infeasible: true if no point satisfies the rows.
     """
@@ -258,11 +258,13 @@ class NearestPoint(eqx.Module):
 def nearest_point(
     G: Float[Array, "m n"], h: Float[Array, " m"], centre: Float[Array, " n"]
 ) -> NearestPoint:
-    """Find the point y nearest to `centre` with G y >= h; not differentiable, use `solve_qp`.
+    """Find the point y nearest to `centre` that satisfies G y >= h.
+
+    This function is not differentiable; `solve_qp` is.
 
     Args:
         G: constraint rows, of unit length or zero.
-        h: offsets; a row of zeros with h <= 0 is off.
+        h: offsets; a row of zeros with h <= 0 switches a constraint off.
         centre: c, the unconstrained optimum.
     """
     n, zero = centre.shape[0], jnp.zeros_like(centre)
@@ -339,7 +341,7 @@ def nearest_point(
 def orthogonal(
     A: Float[Array, "k n"],
 ) -> tuple[Float[Array, "k n"], Float[Array, "n n"]]:
-    """Return Q and R of A = Q R, by Gram-Schmidt twice (Giraud et al. 2005) if there are few columns.
+    """Return Q and R of A = Q R; for few columns, by applying Gram-Schmidt twice (Giraud et al. 2005).
 
     LAPACK is as accurate, but takes 0.3 s to load.
     """
@@ -361,7 +363,7 @@ def orthogonal(
 def inverse_lower(
     lower: Float[AnyArray, "*batch n n"],
 ) -> Float[AnyArray, "*batch n n"]:
-    """Invert a lower triangular matrix without zeros on its diagonal."""
+    """Invert a lower triangular matrix that has no zeros on its diagonal."""
     n = lower.shape[-1]
     if n > _WRITTEN_OUT:
         return jnp.linalg.inv(lower)

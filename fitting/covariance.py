@@ -28,17 +28,17 @@ class Covariance:
 
     @property
     def stderr(self) -> Float[np.ndarray, " p"]:
-        """Standard errors; nan for a parameter that is held, at a bound, or not identifiable.
+        """Standard errors; nan for a parameter that is held fixed, at a bound, or not identifiable.
 
-        Each is the larger of the plain and the sandwich estimate. The plain one is too small if the
-        noise is unequal, the sandwich if there are few readings (Angrist & Pischke 2009, Mostly
-        Harmless Econometrics, section 8.1).
+        Each is the larger of the plain and the sandwich estimate. The plain estimate is too small if
+        the noise is unequal; the sandwich estimate is too small if there are few readings (Angrist &
+        Pischke 2009, Mostly Harmless Econometrics, section 8.1).
         """
         return np.fmax(np.sqrt(np.diag(self.matrix)), self.sandwich_stderr)
 
     @property
     def sandwich_stderr(self) -> Float[np.ndarray, " p"]:
-        """Standard errors from the sandwich estimate; nan where the plain ones are nan."""
+        """Standard errors from the sandwich estimate; nan where the plain errors are nan."""
         return np.sqrt(np.diag(self.sandwich))
 
 
@@ -52,7 +52,7 @@ def covariance(
     n_priors: int = 0,
     noise: float = 1.0,
 ) -> Covariance:
-    """Gauss-Newton covariance s^2 Z (Z^T J^T J Z)^-1 Z^T of a constrained least-squares optimum.
+    """Return the Gauss-Newton covariance s^2 Z (Z^T J^T J Z)^-1 Z^T at a constrained optimum.
 
     Z spans the directions in which the held parameters and the active constraints do not change.
     Held parameters therefore contribute no variance; their own entries are nan, never zero.
@@ -62,11 +62,12 @@ def covariance(
         residual: weighted residual at the optimum.
         active: gradients of the active constraints.
         held: True for parameters at a bound or fixed.
-        bent: square-root factors of the curvature that active constraints add. They do not enter
+        bent: square-root factors of the curvature that active constraints add. They do not affect
             the noise estimate.
-        n_priors: number of priors, the last rows of the residual.
-        noise: standard deviation of a reading that the prior weights assume. With priors, the noise
-            estimate is at least this; otherwise the priors would be given too much weight.
+        n_priors: number of priors, which are the last rows of the residual.
+        noise: standard deviation of a reading on which the weights of the priors are based. With
+            priors, the estimated noise is at least this large; otherwise the priors would be given
+            too much weight.
 
     Returns:
         The covariances. They are not valid if the model is wrong or a constraint is active only by
@@ -102,10 +103,10 @@ def free_root(
     active: Float[np.ndarray, "a p"],
     held: Bool[np.ndarray, " p"],
 ) -> tuple[Float[np.ndarray, "p directions"], float]:
-    """Return a square-root factor of Z (Z^T J^T J Z)^-1 Z^T, and the condition number of the scaled J in Z.
+    """Return a square-root factor of Z (Z^T J^T J Z)^-1 Z^T, and the condition number of the scaled J Z.
 
-    Z spans the directions that held parameters and constraints leave free. The factor is zero, and the
-    condition infinite, if J is singular in Z; the condition is nan if no direction is free.
+    Z spans the directions that held parameters and constraints leave free. If J Z is singular, the factor
+    is zero and the condition number infinite. If no direction is free, the condition number is nan.
 
     Args:
         jacobian: Jacobian of the weighted residual with respect to all parameters.

@@ -1,7 +1,7 @@
 """Static force maps and their specimens: data class, readers and writers.
 
-Measured pressures and lengths scatter about nominal values. `levels_of` groups them into levels and so
-defines which readings share a pressure or a length.
+Measured pressures and lengths scatter about nominal values. `levels_of` groups them into levels, which
+define the readings that share a pressure or a length.
 """
 
 import dataclasses
@@ -34,17 +34,17 @@ COLUMNS = {
     "force": "force", "pressure": "pressure", "length": "length",
     "force_std": "force", "pressure_std": "pressure", "length_std": "length",
 }  # fmt: skip
-"""Columns of a force map, and the kind of quantity in each."""
+"""Columns of a force map, and the kind of quantity in each column."""
 
 _NEEDED = ("force", "pressure", "length")
 _STDS = tuple(name for name in COLUMNS if name.endswith("_std"))
 
 MOST_APART = 40
-"""Largest number of levels that are left out one by one; more are pooled into this many groups."""
+"""Largest number of levels that are left out one by one. If there are more, they form this many groups."""
 
 _MAY_BE_ZERO = {"pressure", "pressure_std", "length_std"}
 _HINTS = {
-    "pressure": " (gauge pressure, not absolute): subtract the reading of the vented gauge",
+    "pressure": " (gauge pressure, not absolute): subtract the gauge's reading at atmospheric pressure",
     "length": ": put contractions in a column named contraction (fractions) or contraction_% (percent)",
 }
 _PUSHES = 3.0  # ratio of push to pull beyond which the sign of the force must be wrong
@@ -63,8 +63,8 @@ class Levels:
     """Level of every reading.
 
     Attributes:
-        level: mean of the values at the reading's level, or the value itself if all are equal; shape (n,).
-        tolerance: neighbours closer than this share a level; 0 if only equal values do.
+        level: mean of the values at the reading's level, or the common value if all are equal; shape (n,).
+        tolerance: values closer than this to a neighbour share its level; 0 if only equal values do.
         note: remark for the report, or "".
     """
 
@@ -83,16 +83,17 @@ def levels_of(
 
     If no tolerance is given, it is derived from the gaps between the sorted values. These must separate
     clearly into narrow gaps (at most 2 % of the range) and gaps at least 8 times as wide, with 1.5 or more
-    readings per level. The tolerance is then the geometric mean of the two gaps at the separation.
+    readings per level. The tolerance is then the geometric mean of the widest narrow gap and the narrowest
+    wide gap.
 
     Values that repeat exactly, at least twice on average, are nominal values or were rounded by the gauge.
-    Equal values then share a level. Different values share one only if the gaps show it and no two of them
-    were read at the same level of the other quantity, as two set points would have been.
+    Equal values then share a level. Different values share a level only if the gaps support this and no two
+    of them were read at the same level of the other quantity, where two set points would both appear.
 
     Args:
         values: measured values in SI.
-        what: quantity, "pressure" or "length".
-        tolerance: in SI, >= 0; None to derive it.
+        what: the quantity, "pressure" or "length".
+        tolerance: tolerance in SI, >= 0; None to derive it.
         beside: level of the other quantity for each reading. If None, repeated values count as nominal.
 
     >>> levels_of(np.array([79.97e3, 80.03e3, 80.0e3, 120.1e3, 119.9e3]), "pressure").level / 1e3
@@ -115,14 +116,14 @@ def levels_of(
     if tolerance > 0 and count.size < distinct.size:
         said = Quantity(tolerance, what).in_units("metric")
         note = (
-            f"Readings whose {what}s differ by less than {said} share one {what} (tolerance "
+            f"Readings whose {what}s differ by less than {said} are treated as one {what} (tolerance "
             f"{'given' if given else 'derived from the gaps'}): {distinct.size} values form {count.size} "
             "levels."
         )
     elif count.size > max(2, _FRACTION * values.size):
         note = (
             f"Few readings share a {what}, and the gaps do not separate them into levels. "
-            f"Cross-validation by {what} therefore leaves out single readings. If the readings were "
+            f"Cross-validation by {what} therefore leaves out single readings. If readings were "
             f"taken at common {what}s, state a tolerance in the file: "
             f"# level: {what}_tolerance_{'kPa = 5' if what == 'pressure' else 'mm = 0.1'}"
         )
@@ -139,7 +140,7 @@ def _rounded(
     group: Int[np.ndarray, " n"],
     beside: Float[np.ndarray, " n"] | None,
 ) -> bool:
-    """True if the values of each group are readings of a single set point.
+    """Return whether the values in each group are readings of a single set point.
 
     Two set points close together would both appear at some level of the other quantity.
     """
@@ -151,7 +152,7 @@ def _rounded(
 
 
 def _tolerance_of_gaps(distinct: Float[np.ndarray, " k"], readings: int) -> float:
-    """Return the tolerance that separates narrow from wide gaps, or 0 if there is none."""
+    """Return the tolerance that separates narrow gaps from wide ones, or 0 if there is none."""
     if distinct.size < 3:
         return 0.0
     span = distinct[-1] - distinct[0]
@@ -182,12 +183,12 @@ def groups_of_levels(
 class ForceData:
     """A static force map in SI, one row per reading.
 
-    A reading with force <= 0 is slack: the muscle would push, but it buckles, so only the sign of its
-    force is known. Readings slightly below zero reveal the noise of the load cell; readings up to 1.5
-    times that far above zero are slack as well. A reading at or above the limit of the load cell is
+    A reading with force <= 0 is slack: the muscle would have to push but buckles instead, so only the sign
+    of its force is known. Readings slightly below zero reveal the noise of the load cell, and readings up
+    to 1.5 times as far above zero also count as slack. A reading at or above the limit of the load cell is
     saturated: the true force is at least that large. Slack and saturated readings are censored: they are
-    not fitted, but every fit is checked against the slack ones. `identify(..., censored=True)` uses
-    both as one-sided readings.
+    not fitted, but every fit is checked against the slack ones. With `identify(..., censored=True)`, both
+    act as one-sided limits on the force.
 
     Attributes:
         force: F [N], shape (n,), positive when the muscle pulls.
@@ -197,15 +198,15 @@ class ForceData:
         force_std, pressure_std, length_std: standard deviations in the same units, shape (n,),
             or None.
         source: origin of the data, for reports.
-        notes: assumptions made when reading, for the report.
+        notes: assumptions made when the file was read, for the report.
         assumed: fields of the specimen that were assumed, for the verdict.
-        units: unit of each quantity in the file, if there was one; the values here are in SI.
+        units: unit of each quantity in the file, if the data come from a file; the values here are in SI.
         force_limit: largest force [N] that the load cell can read; None if it was never reached.
         slack_below: readings up to this force [N] are slack; None to derive it from negative readings.
         count: number of identical readings averaged into each row, shape (n,), used as weight; None if
             no reading repeats.
-        taken: how the columns of the file were interpreted, for the command that read it.
-        pressure_tolerance, length_tolerance: readings closer than this [Pa, m] share a pressure or
+        taken: how the columns of the file were interpreted; commands print it.
+        pressure_tolerance, length_tolerance: readings closer than this [Pa or m] share a pressure or
             length, see `levels_of`; None to derive it from the gaps.
     """
 
@@ -250,17 +251,17 @@ class ForceData:
         values, shape = check_numbers(name, getattr(self, name)), np.shape(self.force)
         if values.ndim != 1 or values.shape != shape:
             raise InputError(
-                f"all columns must be one-dimensional and equally long; force has shape "
-                f"{shape}, {name} has shape {values.shape}"
+                f"all columns must be one-dimensional and have the same length, but force has shape "
+                f"{shape} and {name} has shape {values.shape}"
             )
-        must, wrong = "finite", ~np.isfinite(values)
+        must, wrong = "be finite", ~np.isfinite(values)
         if name != "force":
             zero = name in _MAY_BE_ZERO
-            must = f"finite and {'>=' if zero else '>'} 0{_HINTS.get(name, '')}"
+            must = f"be finite and {'>=' if zero else '>'} 0{_HINTS.get(name, '')}"
             wrong |= (values < 0) | ((values == 0) & (not zero))
         for k in np.flatnonzero(wrong):
             raise InputError(
-                f"{name} of reading {k + 1} is {values[k]:.6g} in SI units; it must be {must}"
+                f"{name} of reading {k + 1} is {values[k]:.6g} in SI units; it must {must}"
             )
         return values
 
@@ -299,8 +300,8 @@ class ForceData:
         first, count = order[starts], np.diff(starts, append=n)
         kept, count = np.sort(first), count[np.argsort(first)]
         note = (
-            f"{n - kept.size} of {n} readings repeat another reading exactly. They are averaged and "
-            "weighted by their number. If they are copies, remove them."
+            f"{n - kept.size} of {n} readings repeat another reading exactly. Identical readings are "
+            "merged and weighted by their number. If they were copied by mistake, remove them."
         )
         for name in COLUMNS:
             if (values := getattr(self, name)) is not None:
@@ -314,7 +315,7 @@ class ForceData:
         return f"ForceData({self.specimen.name}, {self.source}: {known})"
 
     def to_pandas(self) -> "pandas.DataFrame":
-        """Return the readings in SI, one column per quantity, and a column `loaded`.
+        """Return the readings as a data frame in SI: one column per quantity, and a column `loaded`.
 
         Raises:
             InputError: pandas is not installed.
@@ -323,7 +324,9 @@ class ForceData:
         return import_extra("pandas", "tables").DataFrame(self._repeated(held))
 
     def to_xarray(self) -> "xarray.Dataset":
-        """Return the columns of `to_pandas` over a dimension `reading`, with the specimen as an attribute.
+        """Return the columns of `to_pandas` as an xarray data set, with the specimen as an attribute.
+
+        Its dimension is `reading`.
 
         Raises:
             InputError: xarray is not installed.
@@ -344,7 +347,7 @@ class ForceData:
         Args:
             frame: table with columns such as `force_N`, `pressure_kPa` and `length_mm`; other columns, such
                 as `loaded` from `to_pandas`, are ignored.
-            specimen: the muscle, or its fields in SI. Missing fields are assumed as in `read_csv`.
+            specimen: the muscle, or its fields in SI. Missing fields are assumed, as in `read_csv`.
             columns: column name of each quantity, see `read_csv`.
 
         Raises:
@@ -418,9 +421,9 @@ class ForceData:
         return {"pressure": self.pressures, "length": self.lengths}[kind].level
 
     def left_out_as(self, kind: str) -> Float[np.ndarray, " n"]:
-        """Return the left-out level of each reading, or the median of its group of levels.
+        """Return the level under which each reading is left out: its own, or the median of its group.
 
-        More than `MOST_APART` levels are left out in groups of neighbours.
+        If there are more than `MOST_APART` levels, neighbouring levels are left out in groups.
         """
         level = self.levels(kind)
         group = groups_of_levels(level, np.unique(level[self.loaded]))
@@ -429,12 +432,12 @@ class ForceData:
 
     @property
     def loaded(self) -> Bool[np.ndarray, " n"]:
-        """True for pulling forces below the load cell's limit; all other rows are censored."""
+        """True for readings of a pulling force below the load cell's limit; all others are censored."""
         return ~self.slack & ~self.saturated
 
     @property
     def slack(self) -> Bool[np.ndarray, " n"]:
-        """True for forces that are zero or negative within the noise."""
+        """True for forces that are zero or negative, to within the noise."""
         return self.force <= (self.slack_below or 0.0)
 
     @property
@@ -444,7 +447,7 @@ class ForceData:
 
     @property
     def strained(self) -> Bool[np.ndarray, " n"]:
-        """True for loaded rows away from the rest length, where the bladder is strained."""
+        """True for loaded readings at lengths other than the rest length, where the bladder is strained."""
         away = np.abs(self.lengths.level - self.specimen.rest_length) > self.lengths.tolerance
         return self.loaded & away
 
@@ -495,7 +498,7 @@ def bundled_names() -> list[str]:
 def bundled_map_name(name: str) -> str | None:
     """Return the bundled map that matches a name, or None.
 
-    Case does not matter, nor do underscores for hyphens; the muscle's length may be omitted.
+    Case is ignored, underscores may replace hyphens, and the muscle's length may be omitted.
 
     >>> [bundled_map_name(one) for one in ("dmsp_20_300", "DMSP-20", "DMSP-2", "map.csv")]
     ['DMSP-20-300', 'DMSP-20-300', None, None]
@@ -536,12 +539,12 @@ def read_csv(
     specimen: Specimen | Mapping[str, Any] | None = None,
     columns: Mapping[str, str] | None = None,
 ) -> ForceData:
-    """Read a force map from a text file (CSV and similar) or a workbook (.xlsx).
+    """Read a force map from a text file (CSV or similar) or a workbook (.xlsx).
 
-    Columns are recognised by name and unit, as in `force_lbf`, `Pressure (psi)` or with a row of units
-    below the header. Standard deviations such as `force_std_N` are optional. The length may be replaced by
-    `contraction`, (L0 - L)/L0, or `contraction_%`. Lines that start with # are comments;
-    `# specimen: rest_length_mm = 296` describes the muscle.
+    Columns are recognised by name and unit, as in `force_lbf` or `Pressure (psi)`. The units may also be in
+    a row below the header. Standard deviations such as `force_std_N` are optional. A column `contraction`,
+    (L0 - L)/L0, or `contraction_%` may replace the length. Lines that start with # are comments. Comments
+    such as `# specimen: rest_length_mm = 296` describe the muscle.
 
     Args:
         path: the file, an open text stream such as standard input, or a pandas table.
@@ -559,7 +562,7 @@ def read_csv(
     if hasattr(path, "columns") and hasattr(path, "to_csv"):
         return ForceData.from_pandas(path, specimen, columns)
     if not isinstance(path, str | Path) and not callable(getattr(path, "read", None)):
-        raise InputError(f"a force map needs a path or an open text file, got {shown(path)}")
+        raise InputError(f"path must be a file path or an open text file, got {shown(path)}")
     table = read_table(path, _NEEDED, optional=_STDS, columns=columns, strict=True)
     known = parse_specimen(_entries(table.comments, "specimen"))
     if isinstance(specimen, Specimen):  # it replaces that of the file
@@ -596,13 +599,13 @@ def _map(table: Table, known: dict[str, Any]) -> ForceData:
 
 
 def _near_zero(arrays: dict[str, np.ndarray]) -> Iterable[str]:
-    """Set small negative pressures, from a vented gauge, to 0, with a note."""
+    """Set the small negative pressures that a vented gauge may indicate to 0, and yield a note."""
     pressure = arrays["pressure"]
     below = pressure < 0
     if below.any() and pressure.min() >= -_NEAR_ZERO * pressure.max():
         arrays["pressure"] = np.where(below, 0.0, pressure)
         least = Quantity(float(pressure.min()), "pressure", 3).in_units("metric")
-        yield f"{below.sum()} pressures below zero, down to {least}, are set to 0."
+        yield f"{below.sum()} pressures below zero, down to {least}, were set to 0."
 
 
 def _lengths_of_contractions(arrays: dict[str, Any], rest: float | None) -> None:
@@ -637,7 +640,8 @@ def _tolerance(entry: str) -> tuple[str, float]:
     name, _, unit = key.rpartition("_")
     if name not in {"pressure_tolerance", "length_tolerance"}:
         raise InputError(
-            f"level {entry!r} must read pressure_tolerance_kPa = 5 or length_tolerance_mm = 0.1"
+            f"the text after '# level:' must read pressure_tolerance_kPa = 5 or length_tolerance_mm = 0.1, "
+            f"for example; got {entry!r}"
         )
     return name, parse_quantity(value + unit, name.removesuffix("_tolerance"))
 
@@ -645,11 +649,11 @@ def _tolerance(entry: str) -> tuple[str, float]:
 def csv_text(data: ForceData, system: str = "si") -> str:
     """Return a force map as CSV text: specimen and notes as comments, then one row per reading.
 
-    Assumed values of the specimen are omitted; the reader of the file makes the same assumptions.
+    Assumed values of the specimen are omitted, because `read_csv` makes the same assumptions.
 
     Args:
         data: the map.
-        system: "si", which `read_csv` reads back exactly, "metric" or "us".
+        system: "si", "metric" or "us"; `read_csv` recovers the exact values only from "si".
 
     >>> lines = csv_text(load_bundled("DMSP-10-250")).splitlines()
     >>> next(line for line in lines if not line.startswith("#"))
@@ -687,8 +691,8 @@ def write_csv(data: ForceData, path: str | Path, system: str = "si") -> Path:
 
     Args:
         data: the map.
-        path: the file; an existing one is replaced.
-        system: "si", which `read_csv` reads back exactly, "metric" or "us".
+        path: the file to write; an existing file is replaced.
+        system: "si", "metric" or "us"; `read_csv` recovers the exact values only from "si".
 
     Returns:
         The path.
@@ -719,11 +723,11 @@ def several_maps(data: Any) -> tuple[ForceData, ...]:
     """Return a sequence of force maps as a tuple.
 
     Raises:
-        InputError: a single map, or an item that is not a map.
+        InputError: the argument is a single map, or an item is not a map.
     """
     if isinstance(data, ForceData):
         raise InputError(
-            "force maps must be passed in a list, got a single one: use fitting.identify for one map"
+            "force maps must be passed in a list, got a single map: use fitting.identify for one map"
         )
     several = isinstance(data, Iterable) and not isinstance(data, str)
     maps: tuple[Any, ...] = tuple(data) if several else (data,)

@@ -1,9 +1,9 @@
 """Posterior density of an identification.
 
-Readings are y = F(u) + C(u) x + noise, with u in a box. The prior of x is flat or normal on the set that
-the constraint allows. The active rows of the constraint, its faces, have slacks s = N x - h >= 0, which are
-sampled instead of the same number of coefficients. A censored reading contributes the probability that the
-force lies on its side of the limit.
+Readings are y = F(u) + C(u) x + noise, with u in a box. The prior on x is flat or normal within the set
+that the constraint allows. The active rows of the constraint (its faces) have slacks s = N x - h >= 0,
+which are sampled in place of an equal number of coefficients. A censored reading contributes the
+probability that the force lies on its side of the limit.
 
 References:
     Tobin 1958 (censored readings); Rosenblatt 1952, Ann. Math. Statist. 23(3) (the map of the box).
@@ -28,24 +28,26 @@ from .summary import joint_derivatives
 
 
 class BoxMap(eqx.Module):
-    """Smooth bijection from R^d to the inside of a box; a normal becomes approximately a truncated normal.
+    """Smooth bijection from R^d to the interior of a box.
 
-    Coordinate by coordinate, with t standardised by a quadratic model,
+    It maps a normal distribution approximately to a truncated normal distribution. Coordinate by
+    coordinate, with t standardised by a quadratic model,
 
         v_j = c_j + w_j t_j,   c_j = mean_j + sum_{i<j} L_ji t_i,   w_j = L_jj
         sigma(t_j) = (1 - p) sigma(-alpha_j) + p sigma(beta_j),   p = sigma(z_j)
 
-    where sigma is the logistic function and [-alpha_j, beta_j] the range of t_j within the box. Far from
+    where sigma is the logistic function and [-alpha_j, beta_j] is the range of t_j within the box. Far from
     the bounds, t = z; near a bound, z is the logit of the distance to it. A ridge in two parameters, one of
-    them at its bound, becomes straight, with unit width. For a curved ridge, c_j is a cubic in the first
-    coordinate, the leading one. All arrays are in the map's own order.
+    which is at its bound, becomes straight and has unit width. For a curved ridge, c_j is a cubic in the
+    first (leading) coordinate. All arrays use the order of the map's coordinates.
 
     Attributes:
         order: index in the box of each coordinate of the map, shape (d,).
         low, high: the box, shape (d,).
         mean: mean of the quadratic model, possibly outside the box, shape (d,).
         root: lower triangle L of its covariance L L^T, shape (d, d).
-        curve: c_j as a polynomial in t_0, rising powers, without the other terms, shape (d, 4).
+        curve: coefficients of c_j as a polynomial in t_0, in ascending powers, without the terms in other
+            coordinates, shape (d, 4).
     """
 
     order: Int[np.ndarray, " d"]
@@ -73,7 +75,7 @@ class BoxMap(eqx.Module):
         return cls(order, low[order], high[order], mean[order], root, curve)
 
     def along(self, leads: Float[np.ndarray, " k"], ridge: dict[int, np.ndarray]) -> "BoxMap":
-        """Return the map with centres that follow a ridge.
+        """Return the map with its centres moved onto a ridge.
 
         Args:
             leads: at least two values of the leading coordinate.
@@ -118,10 +120,11 @@ Noise = float | tuple[float, float]
 
 
 class Density(eqx.Module):
-    """Log posterior density at points z in R^d, where it is approximately standard normal.
+    """Log posterior density as a function of z in R^d, which is approximately standard normal.
 
-    The vector v = box(z) contains the geometry, slacks, other combinations of the coefficients, and the
-    logarithm of an unknown noise. The coefficients are x = centre + scale c, with c nearly standard normal.
+    The vector v = box(z) contains the geometry, the slacks, other combinations of the coefficients, and the
+    logarithm of the noise if it is unknown. The coefficients are x = centre + scale c, with c nearly
+    standard normal.
 
     Attributes:
         problem: the problem with its full constraint.
@@ -129,8 +132,8 @@ class Density(eqx.Module):
         side: 0 for a reading, 1 if the force is at most the limit, -1 if it is at least the limit.
         geometry: number of parameters in the unit box.
         faces: rows of the constraint whose slack is sampled.
-        centre: shape (n,).
-        scale: shape (n, n).
+        centre: coefficients at c = 0, shape (n,).
+        scale: transformation from c to the coefficients, shape (n, n).
         face_scale: scale of the rows of faces [Pa], shape (r,).
         others: combinations of c that the faces leave free at the optimum, shape (n - r, n).
         noise: known standard deviation, in the unit of a weighted residual; None if sampled.
@@ -152,17 +155,17 @@ class Density(eqx.Module):
     box: BoxMap
 
     def __call__(self, z: Float[Array, " d"]) -> Float[Array, ""]:
-        """Log p(z | y), up to a constant; -inf where the constraint is violated."""
+        """Return log p(z | y), up to a constant; -inf where the constraint is violated."""
         return self._evaluate(z)[0]
 
     def draw(
         self, z: Float[Array, " d"]
     ) -> tuple[Float[Array, " q"], Float[Array, " n"], Float[Array, ""]]:
-        """Return parameters [SI], coefficients and noise."""
+        """Return the parameters [SI], coefficients and noise at a point z."""
         return self._evaluate(z)[1:]
 
     def _evaluate(self, z: Float[Array, " d"]) -> tuple[Array, Array, Array, Array]:
-        """Return log density, parameters, coefficients and noise."""
+        """Return the log density, parameters, coefficients and noise."""
         v, found = self.box(z)
         first, last = self.geometry, self.geometry + len(self.faces)
         known = last + len(self.others)
@@ -225,14 +228,16 @@ def _faces(
 
 
 def density_of(result: Identification, noise: Noise) -> Density:
-    """Set up the posterior density.
+    """Set up the posterior density of an identification.
 
     Args:
         result: from `identify`.
-        noise: in the unit of the weighted residual; in an interval, its logarithm is uniform.
+        noise: standard deviation in the unit of the weighted residual, or an interval in which its
+            logarithm is uniformly distributed.
 
     Raises:
-        InputError: readings do not determine the coefficients, a coefficient is held, or nothing is free.
+        InputError: the readings do not determine the coefficients, a coefficient is held fixed, or no
+            parameter is free.
     """
     problem, point = result.problem, result.end.point
     free, q, count = problem.free, len(problem.names), problem.force.size
@@ -286,7 +291,7 @@ def density_of(result: Identification, noise: Noise) -> Density:
         spread[-1, -1] = 1 / (2 * freedom)
     if not mean.size:
         raise InputError(
-            "there is nothing to sample, as every parameter is held: free at least one"
+            "there is nothing to sample because every parameter is held fixed: free at least one"
         )
     box = BoxMap.of(low, high, mean, spread)
     return Density(
@@ -304,7 +309,7 @@ def density_of(result: Identification, noise: Noise) -> Density:
 def _along_ridge(
     result: Identification, box: BoxMap, sigma: float, first: int, on_x: Float[np.ndarray, "o n"]
 ) -> BoxMap:
-    """Make the map follow the ridge along its leading parameter, through optima with that held."""
+    """Make the map follow the ridge through the optima at fixed values of its leading parameter."""
     problem, end = result.problem, result.end
     lead, p = int(box.order[0]), problem.free.size
     if lead >= p or p < 2:
@@ -335,7 +340,7 @@ def _whitening(
     """Return S such that the columns of (columns S) are orthonormal.
 
     Raises:
-        InputError: readings and priors do not determine a coefficient.
+        InputError: the readings and priors do not determine a coefficient.
     """
     if not columns.shape[1]:
         return np.zeros((0, 0))

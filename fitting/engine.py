@@ -1,6 +1,6 @@
 """The engine behind every fit: variable projection for a batch of fits.
 
-At given nonlinear parameters the coefficients are the optimum of a convex programme. The outer search in
+For given nonlinear parameters, the coefficients are the optimum of a convex programme. The outer search in
 `fitting.search` uses the remaining residual and its derivative through that optimum.
 
 References:
@@ -51,16 +51,16 @@ class Point:
         parameters: nonlinear parameters [SI], shape (q,).
         x: coefficients, shape (n,); nan without a certified optimum.
         residual: weighted residual of readings, coefficient priors and parameter priors, shape (k,).
-        A, b, G, h: convex programme. A and b are the rows of the residual. G and h are the constraint
-            along the paths, then lower and upper bounds of all coefficients (zeros for none).
+        A, b, G, h: convex programme. A and b are the rows of the residual. G and h contain the constraint
+            along the paths, then the lower and upper bounds of all coefficients (zeros if unbounded).
         rows, multipliers: active rows of G and their multipliers.
         status: status of the convex fit.
-        kkt_residual, duality_gap: its certificate.
+        kkt_residual, duality_gap: certificate of the convex fit.
         offset, columns: linear model offset + columns x at the readings [N], shapes (points,) and
             (points, n).
         reached: force [N] about which a compliant rig was linearised.
         about: coefficients about which the model was linearised.
-        keep: readings that count: all except satisfied censored ones.
+        keep: mask of the readings that enter the fit: all except satisfied censored ones.
     """
 
     problem: Problem
@@ -94,7 +94,7 @@ class Point:
 
 
 class Chunk(NamedTuple):
-    """Results of the programs for a batch of fits, in padded arrays."""
+    """Results of the compiled programs for a batch of fits, in padded arrays."""
 
     problems: list[Problem]
     layout: Layout
@@ -106,7 +106,7 @@ class Chunk(NamedTuple):
     keep: Float[np.ndarray, "b readings"]
 
     def point(self, row: int) -> Point:
-        """Return one fit of the batch."""
+        """Return one fit in the batch."""
         problem, at, found = self.problems[row], self.layout, self.projected
         n, wide, K = len(problem.linear), at.sizes.coefficients, at.sizes.readings
         extra = len(problem.coefficient_priors) + len(problem.priors)
@@ -140,7 +140,7 @@ class Chunk(NamedTuple):
 
 
 Near: TypeAlias = tuple[tuple[Chunk, int], Float[np.ndarray, " k"]]
-"""A fit, as chunk and row, and a residual that is expected elsewhere."""
+"""A fit, given as its chunk and row, and the residual expected at other parameters."""
 
 
 class Batch:
@@ -183,7 +183,7 @@ class Batch:
     def parameters(
         self, members: Int[np.ndarray, " b"], u: Float[np.ndarray, "b p"]
     ) -> Float[np.ndarray, "b q"]:
-        """Parameters [SI] at points in the members' unit boxes."""
+        """Return the parameters [SI] at points in the members' unit boxes."""
         found = self.low[members]
         found[:, self.free] += u * (self.high[members] - self.low[members])[:, self.free]
         return found
@@ -201,11 +201,11 @@ class Batch:
             members: indices of the problems; an index may be repeated.
             parameters: parameters of each member [SI].
             near: initial guess for a compliant rig: a fit of the same problem at other parameters, and
-                its residual extrapolated to these.
+                its residual extrapolated to the given parameters.
             tolerance: relative change in the forces of a compliant rig at which its iteration stops.
 
         Returns:
-            For each member, the chunk with its fit and the row in that chunk.
+            For each member, the chunk that contains its fit, and the row in that chunk.
         """
         found: list[tuple[Chunk, int]] = []
         for first in range(0, len(members), self.size):
@@ -249,7 +249,7 @@ class Batch:
     def _expected(
         self, member: int, fit: tuple[Chunk, int], residual: Float[np.ndarray, " k"]
     ) -> tuple[Float[np.ndarray, " coefficients"], Float[np.ndarray, " readings"]]:
-        """Coefficients of a near fit, and the forces that belong to an expected residual."""
+        """Return the coefficients of a nearby fit, and the forces that match an expected residual."""
         chunk, row = fit
         weight = self._of.weight[member] * chunk.keep[row]
         off = residual[: weight.size] / np.where(weight > 0, weight, 1.0)
@@ -263,7 +263,7 @@ class Batch:
         about: Float[np.ndarray, "b coefficients"],
         reached: Float[np.ndarray, "b readings"],
     ) -> Chunk:
-        """Fit linear models about given coefficients and rig forces."""
+        """Fit models that are linearised about given coefficients and rig forces."""
         linear, slopes = self.linear(members, parameters, about, reached)
         of = Weighing(*(leaf[members] for leaf in self._of))
         targets = of.targets + (parameters[:, None] @ of.d_targets)[:, 0]
@@ -282,7 +282,7 @@ class Batch:
     def residual_and_jacobian(
         self, members: Int[np.ndarray, " b"], found: Sequence[tuple[Chunk, int]]
     ) -> tuple[Float[np.ndarray, "b k"], Float[np.ndarray, "b k p"]]:
-        """Residuals, and their derivatives with respect to the free parameters in the unit box."""
+        """Return residuals, and their derivatives with respect to the free parameters in the unit box."""
         r = np.stack([chunk.projected.residual[row] for chunk, row in found])
         J = np.stack([chunk.projected.jacobian[row] for chunk, row in found])
         J = self._moves[members].swapaxes(1, 2) @ J
@@ -295,7 +295,7 @@ class Batch:
         about: Float[np.ndarray, " n"],
         reached: Float[np.ndarray, " points"],
     ) -> tuple[Linear, Linear]:
-        """Linear model of the first problem, and its derivatives, about given coefficients and forces."""
+        """Return the first problem, linearised about given coefficients and forces, and its derivatives."""
         about = np.pad(about, (0, self.layout.sizes.coefficients - about.size))
         each = self._padded(parameters), about, self.layout.spread(reached)
         given = [np.repeat(one[None], self.size, axis=0) for one in each]
@@ -318,7 +318,7 @@ class Batch:
         pressure: Float[np.ndarray, "b readings"] | None = None,
         moves: Float[np.ndarray, "b directions q"] | None = None,
     ) -> tuple[Linear, Linear]:
-        """Linear models of `size` fits, and their derivatives."""
+        """Return the linear models of `size` fits, and their derivatives."""
         length = self._length if length is None else length
         pressure = self._pressure if pressure is None else pressure
         at = np.broadcast_arrays(length, pressure, reached)
@@ -337,10 +337,10 @@ class Batch:
     ) -> tuple[Float[np.ndarray, "b readings"], Projected]:
         """Solve the convex fits to all normal readings and to the censored readings that are violated.
 
-        A slack muscle means F <= 0, a load cell at its limit F >= limit. Each adds
-        max(0, s (F - limit))^2 / 2 to the sum of squares, with s = 1 or -1. This is convex in the
-        coefficients. Least squares over the violated ones has the same gradient at the optimum, so its
-        multipliers and certificate hold for the whole problem.
+        A slack muscle implies F <= 0; a load cell at its limit implies F >= limit. Each such reading adds
+        max(0, s (F - limit))^2 / 2 to the sum of squares, with s = 1 or -1. This term is convex in the
+        coefficients. A least-squares fit that includes only the violated readings has the same gradient
+        at the optimum, so its multipliers and certificate are valid for the whole problem.
         """
         side, keep = self._side, np.broadcast_to(1.0 * (self._side == 0), of.weight.shape)
         settled, at = np.zeros(len(keep), bool), np.zeros(0)
@@ -362,7 +362,7 @@ class Batch:
 
 
 def _weighing(problem: Problem, at: Layout) -> Weighing:
-    """Pad readings, bounds and priors; unused coefficients are zero."""
+    """Return padded readings, bounds and priors; unused coefficients are forced to zero."""
     n, sizes, known = len(problem.linear), at.sizes, (*problem.coefficient_priors, *problem.priors)
     low, high = np.full(sizes.coefficients, -np.inf), np.full(sizes.coefficients, np.inf)
     low[:n], high[:n] = problem.lowest, problem.coefficient_max
@@ -392,7 +392,7 @@ def solve(
 
 
 def partial(point: Point) -> tuple[Float[np.ndarray, "k q"], Float[np.ndarray, "m q"]]:
-    """Derivatives with respect to all nonlinear parameters, at constant coefficients.
+    """Return derivatives with respect to all nonlinear parameters, at constant coefficients.
 
     Returns:
         Derivatives of the weighted residual, including priors, and of G x - h.
@@ -417,7 +417,7 @@ def predict(
     length: Float[np.ndarray, " k"],
     pressure: Float[np.ndarray, " k"],
 ) -> Float[np.ndarray, " k"]:
-    """Predict the force [N] that the rig of a part measures, with the compiled program of the fit.
+    """Predict the force [N] that the rig of a part measures, using the fit's compiled program.
 
     Args:
         problem: problem of the fit.
@@ -449,7 +449,7 @@ def predict(
 
 
 def _force_of(linear: Linear, x: Float[np.ndarray, "b n"]) -> Float[np.ndarray, "b readings"]:
-    """Force [N] of linear models at given coefficients."""
+    """Return the force [N] from linear models at given coefficients."""
     force, columns = (np.asarray(leaf) for leaf in linear[:2])
     return force + (columns @ x[:, :, None])[:, :, 0]
 

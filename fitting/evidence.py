@@ -1,13 +1,13 @@
 """Quantify the uncertainty of an identification: validation, profiles, bootstrap, shared errors.
 
-Some errors are shared by all readings, such as errors in a transducer's gain, the rest length, the wall or
-a photographed shape. Neither scatter nor repetition reveals them. Each changes the readings or the
-geometry, and thereby the optimum. To first order the parameters change by
+Some errors are shared by all readings, such as errors in a transducer's gain, the rest length, the wall
+thickness or a photographed shape. Neither scatter nor repetition reveals them. Each of them changes the
+readings or the geometry, and thereby the optimum. To first order, the parameters change by
 
     d theta = -(J^T J)^-1 J^T d r
 
 where d r is the change of the weighted residual at fixed parameters and J is the derivative of the
-residual with respect to them, restricted to directions left free by constraints and bounds (`carry`).
+residual with respect to them, restricted to directions left free by constraints and bounds (see `carry`).
 Nothing is refitted.
 
 References:
@@ -60,7 +60,7 @@ FORM = Form(
         "wall_thickness": "length", "bladder_diameter": "length", "braid_thickness": "length",
     }
 )  # fmt: skip
-"""Form of the entries in files: `wall_thickness_mm`, `pressure_reading`."""
+"""Form of the entries in files, such as `wall_thickness_mm` and `pressure_reading`."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -95,7 +95,7 @@ class SharedErrors:
                 raise ValueError(f"the standard error of {name} must be >= 0, got {value}")
 
     def stated(self) -> dict[str, float]:
-        """Errors that are not 0."""
+        """Return the errors that are not 0."""
         return {name: value for name, value in dataclasses.asdict(self).items() if value > 0}
 
     def moved(self, data: ForceData, name: str) -> ForceData:
@@ -106,7 +106,7 @@ class SharedErrors:
             name: name of the error.
 
         Raises:
-            InputError: bladder_diameter has an error but no value.
+            InputError: an error is stated for bladder_diameter, but the specimen has no value for it.
         """
         by, specimen, length = getattr(self, name), data.specimen, data.length
         column, _, how = name.partition("_")
@@ -119,7 +119,7 @@ class SharedErrors:
             return dataclasses.replace(data, length=rest - (rest - length) * (1 + by))
         if getattr(specimen, name) is None:
             raise InputError(
-                f"{name} has an error, but the specimen has no {name}: remove the error"
+                f"an error in {name} was stated, but the specimen has no {name}: remove the error"
             )
         if name == "rest_length":
             length = length + by
@@ -145,7 +145,7 @@ class Move:
 
 
 Moves = Mapping[str, Sequence[Move]]
-"""Changes by source of error: one change by a standard error, or several random draws."""
+"""Changes to the map or geometry, by source of error: one by a standard error, or several random draws."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -156,8 +156,8 @@ class Carried:
         names: parameters, then coefficients.
         sources: sources of error.
         effects: standard error of each parameter from each source [SI], shape (sources, parameters);
-            0 if it is held or at a bound.
-        directions: independent directions in which the muscle's numbers vary, each one standard
+            0 if the parameter is held fixed or at a bound.
+        directions: independent directions in which the muscle's stored values vary, each one standard
             deviation long, see `muscle_spread`.
     """
 
@@ -173,7 +173,7 @@ class Carried:
         return dict(zip(self.names, total.tolist(), strict=True))
 
     def by_source(self) -> dict[str, dict[str, float]]:
-        """Standard error of each parameter from each source [SI]."""
+        """Return the standard error of each parameter from each source [SI]."""
         return {
             source: dict(zip(self.names, row.tolist(), strict=True))
             for source, row in zip(self.sources, self.effects, strict=True)
@@ -185,7 +185,7 @@ def moves_of(
     errors: SharedErrors,
     geometry_of: Callable[[Specimen], Geometry | None] = lambda _: None,
 ) -> dict[str, list[Move]]:
-    """Convert stated errors into changes of the map and its geometry.
+    """Convert stated errors into changes to the map and its geometry.
 
     Args:
         data: the map.
@@ -214,7 +214,7 @@ def carry(result: Identification, moves: Moves) -> Carried:
     """
     problem, point = result.problem, result.end.point
     if len(problem.parts) > 1:
-        raise InputError("shared errors need a fit of one specimen, got a fit of several together")
+        raise InputError("shared errors require a fit of one specimen, got a joint fit of several")
     part = problem.parts[result.place]
     _, jacobian, rows = joint_derivatives(point)
     held, rows, bent = held_and_active(problem, result.end, rows)
@@ -232,8 +232,8 @@ def carry(result: Identification, moves: Moves) -> Carried:
             directions.append(change / np.sqrt(len(several)))
         if not np.isfinite(steps).all():
             raise InputError(
-                f"with the error in {source}, the force is undefined (nan) at some readings: check its "
-                "value and unit"
+                f"with the error in {source}, the force is undefined (nan) at some readings: check the "
+                "value and unit of this error"
             )
         effects.append(np.sqrt(np.mean(np.square(steps), axis=0)))
     names = problem.names + result.coefficient_names
@@ -241,7 +241,7 @@ def carry(result: Identification, moves: Moves) -> Carried:
 
 
 def _at(part: Part, point: Point) -> tuple[np.ndarray, np.ndarray]:
-    """Return the unweighted residual [N], and the muscle's numbers followed by the rig's."""
+    """Return the unweighted residual [N], and the values stored in the muscle, followed by the rig's."""
     problem, inputs = dataclasses.replace(point.problem, parts=(part,)), part.inputs
     given = point.parameters, point.x
     predicted = predict(problem, 0, *given, inputs.length, inputs.pressure)
@@ -292,7 +292,7 @@ class Evidence:
         hysteresis: fit of both branches, or None.
         error: prediction error from held-out readings; None if the law depends on pressure or several
             specimens were identified together.
-        left_out: held-out errors of groups of "pressure" and "length" that determine `error`; empty if
+        left_out: held-out errors, by "pressure" and "length", from which `error` is estimated; empty if
             `error` is None.
         posterior: posterior draws, or None.
         shared: effect of shared errors, or None.
@@ -326,13 +326,13 @@ def gather(
     Args:
         result: the fit.
         progress: called with (task, done, total).
-        validation: leave out each pressure and each length.
-        profiles: compute profile likelihoods.
+        validation: True to leave out each pressure and each length in turn.
+        profiles: True to compute profile likelihoods.
         replicates: number of bootstrap replicates.
-        seed: seed of bootstrap and posterior.
-        known: prediction error and the held-out errors that determine it, if a choice provides them;
-            otherwise they are computed.
-        posterior: sample the posterior.
+        seed: random seed for the bootstrap and the posterior.
+        known: prediction error and the held-out errors from which it is estimated, if a choice provides
+            them; otherwise they are computed.
+        posterior: True to sample the posterior.
         noise: known standard deviation of a reading [N], for the posterior.
         shared: changes due to shared errors, see `carry`.
     """
@@ -415,7 +415,7 @@ def evidence_as_dict(evidence: Evidence) -> dict[str, Any]:
 
 
 def evidence_tables(evidence: Evidence, result: Identification, system: str) -> list[Table]:
-    """Return the evidence as text tables in a unit system: held-out errors, and all parameter errors."""
+    """Return the evidence as text tables in a unit system: held-out errors and parameter errors."""
 
     def text(value: float, kind: str, digits: int, none: str = "open") -> str:
         known = math.isfinite(value)
@@ -428,7 +428,7 @@ def evidence_tables(evidence: Evidence, result: Identification, system: str) -> 
             (f"leave one {v.groups} out", v.rmse, v.interior_rmse) for v in evidence.validations
         ]
         shown = [(what, *(text(error, "force", 4, "") for error in two)) for what, *two in rows]
-        tables.append(("Validation", ("", "RMSE", "without the extremes"), shown))
+        tables.append(("Validation", ("", "RMSE", "excluding the extremes"), shown))
     if evidence.hysteresis is not None:
         tables.append(hysteresis_table(evidence.hysteresis, system))
     stderr = {one.name: one.stderr for one in result.estimates}
@@ -437,14 +437,14 @@ def evidence_tables(evidence: Evidence, result: Identification, system: str) -> 
     if evidence.shared is not None:
         for source, errors in evidence.shared.by_source().items():
             columns[source.replace("_", " ")] = {name: (error,) for name, error in errors.items()}
-        columns["all together"] = {
+        columns["total"] = {
             name: (math.hypot(stderr.get(name, math.nan), error),)
             for name, error in evidence.shared.std.items()
         }
     if evidence.profiles:
         columns["95 % from profile likelihood"] = {p.name: p.interval for p in evidence.profiles}
     if (drawn := evidence.bootstrap) is not None:
-        title.append(f"bootstrap with {len(drawn.samples)} replicates, {drawn.failed} more failed")
+        title.append(f"bootstrap with {len(drawn.samples)} replicates ({drawn.failed} more failed)")
         columns["95 % from the bootstrap"] = {name: drawn.interval(name) for name in drawn.names}
     if (posterior := evidence.posterior) is not None:
         title.append(repr(posterior))
@@ -471,8 +471,8 @@ def evidence_warnings(evidence: Evidence, result: Identification) -> tuple[str, 
     found = []
     for one in evidence.profiles:
         if one.verdict in {"flat", "one-sided"}:
-            side = "on neither side" if one.verdict == "flat" else "on one side only"
-            found.append(f"The data bound {one.name} {side} (profile likelihood).")
+            limits = "do not limit" if one.verdict == "flat" else "limit only one side of"
+            found.append(f"The data {limits} the range of {one.name} (profile likelihood).")
     spread = {} if evidence.bootstrap is None else evidence.bootstrap.stderr
     for estimate in result.estimates:
         drawn = spread.get(estimate.name, math.nan)
@@ -480,13 +480,13 @@ def evidence_warnings(evidence: Evidence, result: Identification) -> tuple[str, 
         if math.isfinite(ratio) and not 1 / _DISAGREE < ratio < _DISAGREE:
             found.append(
                 f"The bootstrap standard error of {estimate.name} is {ratio:.2g} times that from "
-                "linear theory: both are uncertain."
+                "linear theory, so both are uncertain."
             )
     for one in evidence.validations:
         if one.rmse > 2 * result.errors.rmse and np.isfinite(one.rmse):
             found.append(
                 f"The error with one {one.groups} left out is {one.rmse / result.errors.rmse:.2g} "
-                f"times the in-sample error: do not extrapolate in {one.groups}."
+                f"times the in-sample error: do not extrapolate to other {one.groups}s."
             )
     if evidence.hysteresis is not None:
         found += hysteresis_warnings(evidence.hysteresis)

@@ -1,8 +1,8 @@
 """Families of muscles: a bladder law and a geometry source, with their free parameters.
 
 A law can be any material whose class declares its parameters. Declared parameters in which the
-force is affine are the coefficients; a convex programme solves for them. All others are shape
-parameters, which the fit searches.
+force is affine are the coefficients, which a convex programme determines. All others are shape
+parameters, which the outer search determines.
 """
 
 import abc
@@ -51,7 +51,7 @@ class Law(eqx.Module):
 
     @property
     def name(self) -> str:
-        """Name on the command line: a built-in name or `module:Class`."""
+        """Name of the law on the command line: a built-in name or `module:Class`."""
         return type(self.material).law_name or class_path(type(self.material))
 
     def with_values(self, values: Mapping[str, famjax.Real]) -> famjax.materials.AbstractMaterial:
@@ -77,15 +77,15 @@ def known_laws() -> dict[str, type[famjax.materials.AbstractMaterial]]:
 
 
 LawGiven = str | Law | type[famjax.materials.AbstractMaterial] | famjax.materials.AbstractMaterial
-"""Accepted types for a law."""
+"""Types that specify a law: a name, a `Law`, a material class or a material."""
 
 
 def law_named(law: LawGiven, order: int | None) -> Law:
     """Return the law for a name, class or material; `order` applies only to the polynomial law.
 
     Raises:
-        InputError: the name is unknown, an order is given for another law, or the class declares no
-            parameters.
+        InputError: the name is unknown, an order is given for a law without an order, or the class
+            declares no parameters.
     """
     if isinstance(law, Law):
         return law
@@ -114,7 +114,8 @@ def law_named(law: LawGiven, order: int | None) -> Law:
         raise InputError(f"{given} cannot be identified from its class alone: {error}") from None
     if not isinstance(material, famjax.materials.AbstractMaterial):
         raise InputError(
-            f"a law must be a name, a famjax.materials.AbstractMaterial or its class, got {given}"
+            "a law must be a name, or an instance or subclass of famjax.materials.AbstractMaterial; got "
+            f"{given}"
         )
     if not material.declared():
         raise InputError(
@@ -125,10 +126,10 @@ def law_named(law: LawGiven, order: int | None) -> Law:
 
 
 class AbstractGeometrySource(eqx.Module):
-    """Builds a geometry from parameter values.
+    """Base class of objects that build a geometry from parameter values.
 
     Attributes:
-        derived_names: names of further quantities for the report, which `derived` returns.
+        derived_names: names of the additional quantities that `derived` returns for the report.
     """
 
     derived_names: ClassVar[tuple[str, ...]] = ()
@@ -139,7 +140,7 @@ class AbstractGeometrySource(eqx.Module):
 
     @property
     def stretches(self) -> bool:
-        """Whether dimensions depend on pressure."""
+        """Whether the dimensions depend on pressure."""
         return True
 
     @property
@@ -158,11 +159,12 @@ class AbstractGeometrySource(eqx.Module):
 
 
 class EstimatedSource(AbstractGeometrySource):
-    """Cylinder in a braid estimated from D0 and theta0, with inextensible or compliant threads.
+    """Source for a cylinder in a braid that is estimated from D0 and theta0.
 
-    The parameters are `braid_diameter` and `braid_angle` of the unloaded braid. Optional ones are
-    `rest_length`, `braid_compliance`, and for rounded ends either `end_factor` k or the dead length
-    `end_length` l, with k = L0/(L0 - l). The dead length does not depend on the muscle's length.
+    The threads may be inextensible or compliant. The parameters are `braid_diameter` and `braid_angle`
+    of the unloaded braid. Optional parameters are `rest_length`, `braid_compliance`, and for rounded
+    ends either `end_factor` k or the dead length `end_length` l, with k = L0/(L0 - l). The dead length
+    does not depend on the muscle's length.
 
     The dimensions of the specimen are arrays, so that all specimens share one compiled program.
 
@@ -191,7 +193,7 @@ class EstimatedSource(AbstractGeometrySource):
         return False
 
     def geometry(self, values: Values) -> famjax.geometries.AbstractGeometry:
-        """Build the cylinder, with its end effect if there is one."""
+        """Build the cylinder from these parameters [SI], with rounded ends if they are included."""
         diameter, rest_length = (
             values["braid_diameter"],
             values.get("rest_length", self.rest_length),
@@ -224,7 +226,7 @@ class EstimatedSource(AbstractGeometrySource):
         return cylinder
 
     def derived(self, values: Values) -> tuple[Float[Array, ""], ...]:
-        """Thread length [m] and turns of the braid."""
+        """Return the thread length [m] and the number of turns of the braid."""
         plain = {name: value for name, value in values.items() if not name.startswith("end_")}
         geometry = self.geometry(plain)
         assert isinstance(geometry, famjax.EstimatedGeometry)
@@ -232,11 +234,11 @@ class EstimatedSource(AbstractGeometrySource):
 
 
 class KnownSource(AbstractGeometrySource):
-    """A known geometry, such as a measured one, some of whose parameters may be identified.
+    """Source for a known (for example, measured) geometry; some of its parameters may be identified.
 
     Attributes:
         known: the geometry.
-        identified: names of its declared parameters to identify.
+        identified: names of the declared parameters to identify.
     """
 
     known: famjax.geometries.AbstractGeometry
@@ -255,12 +257,12 @@ class KnownSource(AbstractGeometrySource):
 
 
 class WrappedSource(AbstractGeometrySource):
-    """A user's geometry around the estimated one.
+    """Source for a user's geometry that wraps the estimated geometry.
 
     Attributes:
         inner: source of the estimated geometry.
         wrap: function or class that maps the estimated geometry to the outer one.
-        identified: names of the outer geometry's declared parameters to identify.
+        identified: names of the parameters declared by the outer geometry that are to be identified.
     """
 
     inner: AbstractGeometrySource
@@ -316,12 +318,12 @@ def assembled(
     deadband: famjax.Real,
     further: famjax.terms.SumOfTerms | None,
 ) -> famjax.Muscle:
-    """Assemble a muscle, with any further force terms.
+    """Assemble a muscle from its geometry, its law and any further force terms.
 
     Args:
         geometry: muscle geometry.
         material: bladder material.
-        deadband: P_d [Pa]; ignored if the further terms have their own deadband.
+        deadband: deadband pressure P_d [Pa]; ignored if the further terms have their own deadband.
         further: further terms, or None.
     """
     if further is None:

@@ -1,8 +1,8 @@
 """Find mistakes in a force map that would explain a poor fit.
 
-Each candidate mistake (wrong unit, absolute pressures, wrong rest length) is undone and the map is fitted
-again. A correction that makes the misfit several times smaller is reported. Faults that affect only some
-readings, such as a saturated load cell or outliers, are found by fitting the other readings.
+Each candidate mistake (wrong unit, absolute pressures, wrong rest length) is corrected and the map is
+fitted again. A correction that makes the misfit several times smaller is reported. Faults that affect only
+some readings, such as a saturated load cell or outliers, are found by fitting the other readings.
 """
 
 import dataclasses
@@ -48,8 +48,8 @@ _MOST_OUTLIERS = 0.25  # fraction of the readings
 _DIVISIONS = 4  # divisions of the lengths between two muscles that are tried
 _FEWEST_LENGTHS = 3  # needed to characterise a muscle
 _BORES = {
-    2.0: "the nominal diameter is a radius, or that of a smaller muscle",
-    0.5: "the nominal diameter is that of a larger muscle",
+    2.0: "the nominal diameter is a radius, or belongs to a smaller muscle",
+    0.5: "the nominal diameter belongs to a larger muscle",
     10.0: "the nominal diameter is in cm, not mm",
     0.1: "the nominal diameter is ten times too large",
 }
@@ -63,7 +63,7 @@ class Suspicion:
         cause: short description.
         sentence: message with the figures.
         misfit: misfit after the correction, as a fraction of the largest force.
-        grave: if true, nothing can be identified from such data; otherwise the fit is doubtful.
+        grave: if true, no muscle can be identified from the data; otherwise the fit is only doubtful.
     """
 
     cause: str
@@ -74,29 +74,29 @@ class Suspicion:
 
 @dataclasses.dataclass(frozen=True)
 class Trial:
-    """One trial fit to a map."""
+    """Trial fit of one family to a map."""
 
     data: ForceData
     problem: Problem
     end: End
 
     def predict(self, length: Column, pressure: Column) -> Column:
-        """Force [N] at lengths [m] and gauge pressures [Pa]; nan where undefined."""
+        """Predict the force [N] at lengths [m] and gauge pressures [Pa]; nan where undefined."""
         point = self.end.point
         return predict(self.problem, 0, point.parameters, point.x, length, pressure)
 
     def errors(self, data: ForceData) -> Float[np.ndarray, " loaded"]:
-        """Residuals [N] at the loaded readings of a map; infinite where the model's force is nan."""
+        """Return residuals [N] at a map's loaded readings; infinite where the model's force is nan."""
         loaded = data.loaded
         found = self.predict(data.length[loaded], data.pressure[loaded]) - data.force[loaded]
         return np.where(np.isfinite(found), found, np.inf)
 
     @property
     def misfit(self) -> float:
-        """RMSE of loaded and contradicted censored readings, as a fraction of the largest force.
+        """RMSE as a fraction of the largest force, including censored readings that the model contradicts.
 
         At a slack reading the model must not pull; at a saturated reading its force must not be below the
-        limit of the load cell. States where the model's force is nan are ignored.
+        limit of the load cell. Censored readings at which the model's force is nan are ignored.
         """
         data = self.data
         force = self.predict(data.length, data.pressure)
@@ -106,7 +106,7 @@ class Trial:
         return float(np.sqrt(squares / data.loaded.sum())) / data.max_force
 
     def side(self, name: str) -> int:
-        """Return -1 at the lower bound, 1 at the upper bound, and 0 otherwise."""
+        """Return -1 if the parameter is at its lower bound, 1 at its upper bound, and 0 otherwise."""
         if name not in self.problem.names:
             return 0
         place = self.problem.names.index(name)
@@ -121,13 +121,13 @@ class Trial:
 
     @property
     def cornered(self) -> bool:
-        """True if braid diameter and angle are both at upper or both at lower bounds."""
+        """True if braid diameter and angle are both at their upper or both at their lower bounds."""
         sides = self.side("braid_diameter"), self.side("braid_angle")
         return sides[0] == sides[1] != 0
 
 
 def attempt(data: ForceData, candidate: Candidate | None = None) -> Trial | None:
-    """Fit a family quickly to a map, by default the most general one that the map supports.
+    """Fit a family quickly to a map; by default, the most general family that the map supports.
 
     Returns:
         The trial, or None if no fit is possible.
@@ -148,12 +148,12 @@ def richest(data: ForceData) -> Candidate | None:
 
 
 def _as_fitted(result: Identification) -> Trial:
-    """Return a fit as a trial, without the outliers of the Huber objective."""
+    """Return a fit as a trial, without the readings that the Huber objective treats as outliers."""
     return Trial(_kept_only(result.data, result.counted), result.problem, result.end)
 
 
 def doubtful(result: Identification) -> bool:
-    """True if the misfit is so large, or the fit so close to its bounds, that the data are suspect."""
+    """Return True if the data are suspect because of a large misfit or a fit close to its bounds."""
     data, trial = result.data, _as_fitted(result)
     return (
         not result.converged
@@ -196,8 +196,8 @@ def suspect(result: Identification) -> tuple[Suspicion, ...]:
         found = _of_some(data, least)
     if not found and not plain and least > _UNEXPLAINED:
         sentence = (
-            f"No muscle model explains these readings: the best one is off by {least:.2%} of the largest "
-            "force. Check units, signs and columns, the specimen, and that slack readings are 0."
+            f"No muscle model explains these readings: the best one has an RMSE of {least:.2%} of the "
+            "largest force. Check the units, signs, columns and specimen, and that slack readings are 0."
         )
         found.append(Suspicion("no muscle explains the readings", sentence, least))
     return tuple([*plain, *found][:3])
@@ -210,10 +210,10 @@ class Fault:
     Attributes:
         cause: description as a clause.
         changes: corrected columns of the map, or corrected dimensions of the specimen.
-        below: misfit after the correction below which the fault explains the original misfit.
-        freed: limit used instead of `below` if the braid is then no longer at its bounds.
-        early: if true, the deadband must then be below its upper bound.
-        stiff: fit of a muscle with a stiff braid and rig, if this family is to be compared.
+        below: limit on the misfit after the correction, below which the fault explains the original misfit.
+        freed: limit used instead of `below` if the correction moves the braid away from its bounds.
+        early: if true, the deadband after the correction must be below its upper bound.
+        stiff: original fit with a stiff braid and rig, if the misfits of that family are to be compared.
         unlikely: penalty in decades; only faults about as likely as the best one are reported.
         grave: see `Suspicion`.
     """
@@ -235,8 +235,8 @@ def _explained(
 
     Args:
         data: the map as given.
-        faults: candidates.
-        least: its smallest misfit.
+        faults: the candidate faults.
+        least: smallest misfit for the map as given.
         most: maximum number to report, among those about as likely as the first.
     """
     tried: list[tuple[float, float, Suspicion]] = []
@@ -282,8 +282,8 @@ def _named(
 def _signs(data: ForceData, here: Trial | None, least: float) -> Iterator[Fault]:
     """Yield a fault in the sign of the force, if some forces are negative.
 
-    A slack muscle held at both ends pushes lightly against a load cell. Where the model does not pull
-    either, the reversed sign must fit about as well as the original.
+    A slack muscle held at both ends pushes lightly against a load cell. If the model does not pull at these
+    readings, the map with reversed signs must fit about as well as the original.
     """
     negative = data.force < -0.03 * data.max_force  # no slack muscle pushes harder
     if not negative.any():
@@ -293,7 +293,7 @@ def _signs(data: ForceData, here: Trial | None, least: float) -> Iterator[Fault]
     are = "reading is" if n == 1 else "readings are"
     said = f"some forces have the wrong sign ({n} {are} negative by up to "
     most = Quantity(-float(data.force.min()), "force")
-    cause = Sentence(said, most, ", and a muscle does not push)")
+    cause = Sentence(said, most, ", but a muscle cannot push)")
     undone = {"force": np.where(negative, -data.force, data.force)}
     yield Fault(cause, undone, min(_TOLERATED, max(1.5 * least, GOOD * pulls)))
 
@@ -313,7 +313,7 @@ def _swapped(data: ForceData, least: float) -> Iterator[Fault]:
 
 
 def _no_rise(data: ForceData) -> list[Suspicion]:
-    """Report forces that do not rise with the pressure at any length."""
+    """Report that the force does not rise with the pressure at any length."""
     pressure, length, force = data.pressure, data.lengths.level, data.force
     rises = []
     for level in np.unique(length[data.loaded]):
@@ -339,8 +339,8 @@ def _stiff(data: ForceData) -> Candidate | None:
 def _stiff_and_late(data: ForceData) -> Trial | None:
     """Return the fit of a stiff muscle if pressures may be absolute and the deadband is at its bound.
 
-    A compliant braid or rig absorbs part of the deadband, so its fit need not reach the bound. A
-    single pressure cannot reveal a deadband.
+    A compliant braid or rig absorbs part of the deadband, so a fit that includes one need not reach
+    the bound. A single pressure cannot reveal a deadband.
     """
     several = np.unique(data.pressures.level[data.loaded]).size > 1
     if not several or data.pressure.min() < 0.85 * ATMOSPHERE:
@@ -366,7 +366,7 @@ def _absolute(data: ForceData, least: float, *, late: bool) -> Iterator[Fault]:
 
 
 def _rest_lengths(data: ForceData, least: float) -> Iterator[Fault]:
-    """Yield faults for a wrong rest length; the right one is close to the longest loaded length."""
+    """Yield faults for a wrong rest length; the true one is close to the longest loaded length."""
     given, longest = data.specimen.rest_length, float(data.length[data.loaded].max())
     for part, unlikely in _RESTS.items():
         rest = part * longest
@@ -380,10 +380,11 @@ def _rest_lengths(data: ForceData, least: float) -> Iterator[Fault]:
 
 
 def _scales(data: ForceData, least: float, *, cornered: bool) -> Iterator[Fault]:
-    """Yield wrong units of force or pressure, and wrong bores: each scales the force at a given pressure.
+    """Yield faults that scale the force at a given pressure: wrong force or pressure units, wrong bores.
 
-    If the misfit does not separate them, a typical test pressure of 5 bar does. `cornered` means that
-    braid diameter and angle of the original fit are both at their upper or both at their lower bounds.
+    If their misfits are similar, the fault that brings the highest pressure closest to a typical 5 bar is
+    preferred. `cornered` means that the braid diameter and angle of the original fit are both at their
+    upper or both at their lower bounds.
     """
     highest = float(data.pressure.max())
     if not highest > 0:
@@ -413,7 +414,7 @@ def _scales(data: ForceData, least: float, *, cornered: bool) -> Iterator[Fault]
 
 
 def _wall_share(data: ForceData) -> float:
-    """Ratio of wall thickness to bore, or to the bladder's outer diameter if no bore is given."""
+    """Return the ratio of wall thickness to bore, or to the bladder's outer diameter without a bore."""
     bore = data.specimen.nominal_diameter or data.specimen.bladder_diameter
     return 0.0 if bore is None else data.specimen.wall_thickness / bore
 
@@ -431,7 +432,7 @@ def thick_wall(data: ForceData) -> list[Suspicion]:
 
 
 def _of_some(data: ForceData, least: float) -> list[Suspicion]:
-    """Find a fault that affects some readings: the first whose misfit is close to the smallest."""
+    """Find a fault that affects only some readings: the first whose misfit is close to the smallest."""
     tries = (_at_a_limit, _outliers, _two_muscles, _two_by_length)
     good = [
         _named(cause, least, better)
@@ -450,7 +451,7 @@ def _kept_only(data: ForceData, kept: Bool[np.ndarray, " loaded"]) -> ForceData:
 
 
 def _at_a_limit(data: ForceData) -> tuple[str, float] | None:
-    """Find a saturated load cell: readings at the largest force, which a fit to the others exceeds."""
+    """Find a saturated load cell: readings at the largest force, which a fit to the rest exceeds."""
     force = data.force[data.loaded]
     limit = float(force.max())
     full = force >= (1 - _SHARED) * limit
@@ -464,7 +465,7 @@ def _at_a_limit(data: ForceData) -> tuple[str, float] | None:
     if np.mean(errors[full] < -2.0 * max(misfit, _SHARED) * limit) > 0.25:
         return None
     said = f"the load cell was saturated at {full.sum()} readings of "
-    mark = f" (mark them with the line # specimen: force_limit_N = {float(force[full].min()):.6g})"
+    mark = f" (add the line # specimen: force_limit_N = {float(force[full].min()):.6g} to the file)"
     return Sentence(said, Quantity(limit, "force"), mark), misfit
 
 
@@ -497,11 +498,14 @@ def _outliers(data: ForceData) -> tuple[str, float] | None:
     shown = ", ".join(str(row) for row in rows[:6]) + (", ..." if count > 6 else "")
     misfit = float(np.sqrt(np.mean(errors[kept] ** 2))) / float(force[kept].max())
     are, them = ("reading is an outlier", "it") if count == 1 else ("readings are outliers", "them")
-    return f"{count} {are} (number {shown}; --objective huber gives {them} little weight)", misfit
+    return (
+        f"{count} {are} (number {shown}; use --objective huber to give {them} little weight)",
+        misfit,
+    )
 
 
 def _two_muscles(data: ForceData) -> tuple[str, float] | None:
-    """Find readings from a second muscle before or after some row of the file; the rest fits well alone.
+    """Find readings from a second muscle before or after some row; the other readings fit well alone.
 
     The file is divided where the slower of pressure and length first reverses, as if a new test began.
     """
@@ -516,15 +520,16 @@ def _two_muscles(data: ForceData) -> tuple[str, float] | None:
     for where, other in ((f"up to reading {row}", before), (f"from reading {row + 1} on", ~before)):
         trial = attempt(_kept_only(data, ~other))
         if trial is not None and np.unique(lengths[~other]).size >= _FEWEST_LENGTHS:
-            found.append((f"the file contains two muscles, one of them {where}", trial.misfit))
+            cause = f"the file contains readings from two muscles, one of them {where}"
+            found.append((cause, trial.misfit))
     return min(found, key=lambda one: one[1], default=None)
 
 
 def _two_by_length(data: ForceData) -> tuple[str, float] | None:
     """Find readings from a second muscle at some lengths, with forces proportional to the first muscle's.
 
-    For one muscle, dF/dP = (3 L^2 - B^2)/(4 pi N^2) is linear in L^2. The divisions that fit this best are
-    tried.
+    For one muscle, dF/dP = (3 L^2 - B^2)/(4 pi N^2) is linear in L^2. The divisions of the lengths that
+    satisfy this best are tried.
     """
     lengths, place = np.unique(data.lengths.level[data.loaded], return_inverse=True)
     pressure, force = data.pressure[data.loaded], data.force[data.loaded]
@@ -548,6 +553,6 @@ def _two_by_length(data: ForceData) -> tuple[str, float] | None:
         pull, there = (errors + force)[other], force[other]
         errors[other] = pull * float(pull @ there) / float(pull @ pull) - there
         at = ", ".join(f"{one * 1e3:.5g}" for one in lengths[[*some]])
-        cause = f"the file contains two muscles, one of them at {at} mm"
+        cause = f"the file contains readings from two muscles, one of them at {at} mm"
         found.append((cause, float(np.sqrt(np.mean(errors**2))) / data.max_force))
     return min(found, key=lambda one: one[1], default=None)

@@ -1,4 +1,4 @@
-"""Identification of muscles from force maps: geometry search around a certified convex fit."""
+"""Identify muscles from force maps: an outer search for the geometry around a certified convex fit."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -43,20 +43,20 @@ def identify(
 ) -> Identification:
     """Find the muscle that best fits a force map while satisfying the constraint.
 
-    The force is linear in the coefficients of the law, so at each geometry a convex programme gives
-    their certified optimum. Gauss-Newton from many starts optimises the nonlinear parameters: braid
-    diameter, braid angle, deadband, and those named in `parameters`. Its derivatives pass through the
-    convex programme (variable projection).
+    The force is linear in the coefficients of the law, so for each geometry a convex programme finds
+    their certified optimum. The Gauss-Newton method, from many starting points, optimises the nonlinear
+    parameters: braid diameter, braid angle, deadband, and those named in `parameters`. Its derivatives
+    pass through the convex programme (variable projection).
 
     Args:
         data: the force map; slack readings are censored.
-        law: "polynomial", "ogden", "mooney-rivlin", "saturating", "neo-hookean",
-            "yeoh"; or your own subclass of `famjax.materials.AbstractMaterial` with parameters
+        law: "polynomial", "ogden", "mooney-rivlin", "saturating", "neo-hookean" or
+            "yeoh"; or your own subclass of `famjax.materials.AbstractMaterial`, whose parameters are
             declared with `famjax.parameter`, given as a class, an instance, or "module:Class".
-        order: order of the polynomial law, 1 to 8; default 3.
+        order: order of the polynomial law, 1 to 8; default: 3.
         constraint: "none", "positive" (every coefficient >= 0), "slope" (stress increases over the
-            strain range) or "drucker" (positive second-order work along the actuation path). It
-            is also enforced between the stations.
+            strain range) or "drucker" (positive second-order work along the actuation path). "slope"
+            and "drucker" are also enforced between the points at which they are evaluated.
         bounds: intervals (min, max) in SI by parameter name, in place of those in `standard_table`.
             Equal bounds fix the parameter.
         parameters: bounds with units, fixed values and priors. Optional parameters are fitted only if
@@ -67,30 +67,32 @@ def identify(
             the data have no `force_std`.
         objective: "sum_of_squares"; "huber", which counts residuals beyond 1.345 standard deviations
             linearly, with the noise estimated from the median residual; or "mean_rmse", the RMSE
-            averaged over pressures (Chambers 2021, equation 7.6). Validation and uncertainty keep
-            the final weights. To weight a region more, give its readings a smaller `force_std`.
-        geometry: source of the muscle's dimensions. None: a cylinder in an inextensible braid. A
-            geometry, such as `famjax.MeasuredGeometry`: used as given, except for parameters named in
-            `bounds` or `parameters`. A function or class that wraps the estimated geometry, for example
-            with elastic threads: its declared parameters are fitted if named.
-        terms: further force terms, such as your own spring; their declared parameters are fitted
-            if named. A term with a `deadband_pressure` replaces Gaylord's.
+            averaged over pressures (Chambers 2021, equation 7.6). Validation and uncertainty
+            estimates use the final weights. To give a region more weight, give its readings a smaller
+            `force_std`.
+        geometry: source of the muscle's dimensions. If None, a cylinder in an inextensible braid is
+            used. A geometry, such as `famjax.MeasuredGeometry`, is used as given, except for parameters
+            named in `bounds` or `parameters`. A function or class must wrap the estimated geometry, for
+            example with elastic threads; its declared parameters are fitted if they are named there.
+        terms: further force terms, such as your own spring; their declared parameters are fitted if
+            they are named in `bounds` or `parameters`. A term that has a `deadband_pressure` replaces
+            Gaylord's term.
         ends: "cylinder", or "equilibrium" to compute the shape from mechanics between end-fittings
             with an identified diameter (`famjax.EquilibriumMuscle`). The force is then nonlinear in
             the law, so the optimum is local and has no certificate, and no constraint applies.
-        pictures: photographed profiles to fit together with the force, as a `measurements.nc` with
-            pressures, or its table; only with ends="equilibrium".
-        censored: True to penalise, as one-sided squares, a model that pulls at slack readings or
-            pulls less than the load cell's limit at saturated ones. The fit stays convex.
-        starts: number of starts, sampled from the box as a Latin hypercube.
+        pictures: photographed profiles to fit together with the force: a `measurements.nc` that
+            contains pressures, or its table; only with ends="equilibrium".
+        censored: True to penalise, with one-sided squares, a model that pulls at slack readings or
+            pulls less than the load cell's limit at saturated ones. The fit remains convex.
+        starts: number of starting points, sampled from the box as a Latin hypercube.
         seed: random seed for the starts.
-        progress: callback with (starts done, starts), called as descents finish.
+        progress: called with (starts done, starts) as descents finish.
 
     Returns:
         The identified muscle with standard errors, certificate and warnings.
 
     Raises:
-        InputError: the data cannot support the fit; the message states the reason.
+        InputError: the data cannot support the fit, or an option is invalid; the message says why.
         RuntimeError: float64 is off.
 
     References:
@@ -144,7 +146,7 @@ def identify_together(
         own: parameters with a separate value for each specimen; all others are shared.
         law: bladder law, see `identify`.
         order: order of the polynomial law.
-        constraint: constraint on the coefficients.
+        constraint: constraint on the coefficients, see `identify`.
         parameters: bounds, fixed values and priors, the same for every specimen.
         noise: standard deviation of one reading [N].
         objective: see `identify`.
@@ -154,14 +156,14 @@ def identify_together(
         censored: see `identify`.
         starts: number of starts.
         seed: random seed for the starts.
-        progress: callback with (starts done, starts).
+        progress: called with (starts done, starts).
 
     Returns:
-        One identification per specimen. Shared parameters, certificate and starts are identical in
-        all; an individual parameter is named `name[specimen]`.
+        One identification per specimen. The shared parameters, the certificate and the starts are the
+        same in all of them; an individual parameter is named `name[specimen]`.
 
     Raises:
-        InputError: the data cannot support the fit; the message states the reason.
+        InputError: the data cannot support the fit, or an option is invalid; the message says why.
         RuntimeError: float64 is off.
     """
     check_whole("starts", starts, 1)
@@ -195,12 +197,12 @@ def solve(
         starts: starting points in the unit box of the free parameters.
         objective: see `identify`.
         seed: random seed of the starts, stored in the identification.
-        progress: callback with (starts done, starts).
-        pictures: profiles to fit together with the force of a single map.
+        progress: called with (starts done, starts).
+        pictures: photographed profiles to fit together with the force of a single map.
         noise: standard deviation of a force reading, used to weight the pictures; None if unknown.
 
     Raises:
-        InputError: from every start, the force is undefined (nan) at some reading.
+        InputError: from every starting point, the force is undefined (nan) at some reading.
     """
     problem, weights, shapes = posed.problem, None, None
     if objective != "sum_of_squares":

@@ -1,13 +1,13 @@
-"""Families among which a fit chooses, as far as a map can determine them.
+"""Families of models from which a fit chooses, limited to those that a map can determine.
 
 All families but one have the same unknown geometry: braid diameter and angle, deadband, rounded ends,
-stretching threads, and the rest length within its rounding. Priors that are the same for every muscle
-constrain what the readings cannot determine. The Mooney-Rivlin law has an equivalent cylinder instead. The
-families differ in the bladder law, and in the reason why the muscle pulls late: a deadband or a compliant
-rig. A map of one muscle cannot determine both.
+stretching threads, and the rest length to within its rounding. Priors that are the same for every muscle
+constrain what the readings cannot determine. The Mooney-Rivlin law uses an equivalent cylinder instead. The
+families differ in the bladder law, and in what delays the onset of force: a deadband or a compliant rig. A
+map of one muscle cannot determine both.
 
 Compiling takes longer than fitting, so all families share one compiled program: that of a muscle whose law
-is the sum of their laws. A family searches some parameters and holds the others at neutral values: no end
+is the sum of their laws. A family identifies some parameters and holds the others at neutral values: no end
 effect, rigid threads, a rigid rig, no stress from the other laws.
 """
 
@@ -30,14 +30,14 @@ from .problem import Part, Problem, Within
 from .response import MuscleFamily
 
 EXPONENT_PRIOR = (-3.0, 5.0)
-"""Prior on Ogden's exponent, the same for all muscles. It is -2 to 5 for plain rubbers (Ogden 1972;
-2 is neo-Hookean) and -7 to -4 for walls with embedded threads. Fewer than four lengths hardly determine its
-sign."""
+"""Prior on Ogden's exponent, the same for all muscles. The exponent is -2 to 5 for plain rubbers (Ogden
+1972; 2 is neo-Hookean) and -7 to -4 for walls with embedded threads. Fewer than four lengths hardly
+determine its sign."""
 
 MODEL_ERROR = 0.005
-"""Standard deviation of a law's error, relative to the largest force. It is added to that of the readings,
-so that a reading known to 0.1 N does not count a hundred times more than one known to 1 N if the law itself
-is accurate only to 3 N."""
+"""Standard deviation of a law's error, relative to the largest force. It is combined with the standard
+deviation of the readings. A reading known to 0.1 N then does not count a hundred times more than one known
+to 1 N if the law itself is accurate only to 3 N."""
 
 LAWS: dict[str, dict[str, Any]] = {
     "ogden": {"law": "ogden"},
@@ -50,15 +50,18 @@ LAWS: dict[str, dict[str, Any]] = {
 and fewer coefficients first."""
 
 END_FACTOR_PRIOR = (1.0, 0.05)
-"""Prior: a muscle whose ends widen as it shortens is up to a tenth longer than its cylinder."""
+"""Prior on the end factor: a muscle whose ends widen as it shortens is up to a tenth longer than its
+cylinder."""
 BRAID_COMPLIANCE_PRIOR = (0.0, 1e-5)
-"""Prior [1/N]: the threads of a muscle with a bore of 10 to 20 mm stretch by 1 % at 1000 N."""
+"""Prior on the braid compliance [1/N]: the threads of a muscle with a bore of 10 to 20 mm stretch by 1 %
+at 1000 N."""
 
 _WIDEST_SCALE = 0.1
 _WIDEST_CYLINDER = 1.4  # relative to the nominal diameter
 _GEOMETRY = 2  # braid diameter and angle; the other parameters have priors
 FEWEST_LENGTHS = 4
-"""Smallest number of lengths for cross-validation by length: two remaining ones determine no family."""
+"""Smallest number of lengths for cross-validation by length. With three, only two lengths would remain,
+which determine no family."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,12 +71,12 @@ class Candidate:
     Attributes:
         name: name in plain words.
         law: name of the law.
-        rig: true for a compliant rig in place of a deadband.
+        rig: true if a compliant rig replaces the deadband.
         options: law and order, as in `identify`.
         bounds: the user's bounds, as in `identify`.
         parameters: free parameters, held parameters and priors, as in `identify`.
         unknowns: number of parameters without a prior, which the readings must determine.
-        rank: place on the ladder; the first of several families that predict equally well is chosen.
+        rank: position on the ladder; of several families that predict equally well, the first is chosen.
     """
 
     name: str
@@ -93,18 +96,18 @@ def ladder(
 ) -> tuple[tuple[Candidate, ...], tuple[str, ...]]:
     """List the families that a force map can determine.
 
-    Each length provides two numbers, the slope and the intercept of force against pressure. A family with
-    as many unknowns cannot be tested and is left out. So is a law with more coefficients than there are
-    lengths at which the bladder is strained.
+    Each length provides two numbers, the slope and the intercept of force against pressure. A family that
+    has as many unknowns as there are such numbers cannot be tested, so it is left out. A law with more
+    coefficients than there are lengths at which the bladder is strained is left out as well.
 
     Args:
         data: the map.
-        parameters: the user's parameters. The ladder does not vary them, and leaves out laws that lack
-            one of them.
+        parameters: the user's parameters, the same for every family. Laws that lack one of them are left
+            out.
         bounds: the user's bounds, treated in the same way.
 
     Returns:
-        The candidates in the order of the ladder, and a sentence for each kind of family left out.
+        The candidates in the order of the ladder, and a sentence about each kind of family left out.
     """
     check_maps(data)
     check_mapping("bounds", bounds, "from names to (low, high) in SI")
@@ -121,7 +124,7 @@ def ladder(
         if lacking or count > strained:
             dropped.append(
                 f"The {law} law lacks {', '.join(sorted(lacking))}, which you specified." if lacking else
-                f"The {law} law needs {count} lengths at which the bladder is strained; the map has "
+                f"The {law} law needs {count} lengths at which the bladder is strained, but the map has "
                 f"{strained}."
             )  # fmt: skip
             continue
@@ -144,19 +147,19 @@ def ladder(
             )  # fmt: skip
     if large:
         dropped.append(
-            f"{large} families with more than {told} unknowns were left out: {lengths} lengths cannot "
-            "determine so many."
+            f"Families with more than {told} unknowns were left out ({large} in all): {lengths} lengths "
+            "cannot determine that many."
         )
     return tuple(found), tuple(dropped)
 
 
 def as_cylinder(one: Candidate, data: ForceData, said: Collection[str] = frozenset()) -> Candidate:
-    """Return the family as a cylinder with rigid threads, which can be cut to other lengths.
+    """Return the family restricted to a cylinder with rigid threads, which can be cut to other lengths.
 
     Args:
         one: the family.
         data: the map.
-        said: parameters set by the user, which do not change.
+        said: parameters set by the user, which are not changed.
     """
     held = {
         "end_factor": Parameter(value=1.0, vary=False),
@@ -173,7 +176,8 @@ _RIG = {
     "braid_compliance": Parameter(value=0.0, vary=False, unit="1/N"),
     **{name: Parameter() for name in _RIG_UNKNOWNS},
 }
-"""A compliant rig and compliant threads have almost the same effect."""
+"""Parameters of a compliant rig. The threads are rigid, because compliant threads have almost the same
+effect."""
 _PULLS_LATE = {"deadband_pressure", *_RIG_UNKNOWNS}
 
 
@@ -187,17 +191,17 @@ def _geometry(data: ForceData) -> dict[str, Parameter]:
 
 
 def rest_length_prior(data: ForceData) -> Parameter:
-    """Return the prior on the rest length: the specimen's, within its rounding."""
+    """Return the prior on the rest length: the specimen's value, to within its rounding."""
     rest = data.specimen.rest_length
     rounding = rest_length_rounding(rest)
     return Parameter(min=rest - rounding, max=rest + rounding, prior=(rest, rounding / 2), unit="m")
 
 
 def _equivalent_cylinder(data: ForceData) -> dict[str, Parameter]:
-    """Return the bounds for a cylinder with rigid threads whose diameter and angle absorb ends and wall.
+    """Return bounds for a cylinder whose diameter and angle absorb the effects of ends and wall.
 
-    Klute & Hannaford (2000) fit the Mooney-Rivlin law in this way. With the muscle's own
-    dimensions its error is larger.
+    Its threads are rigid. Klute & Hannaford (2000) fit the Mooney-Rivlin law in this way. With the
+    muscle's true dimensions, the error of that law is larger.
     """
     bore = data.specimen.nominal_diameter
     angle = {"braid_angle": Parameter(min=57.0, max=72.0, unit="deg")}
@@ -207,12 +211,12 @@ def _equivalent_cylinder(data: ForceData) -> dict[str, Parameter]:
 
 
 def options_of(law: LawGiven) -> dict[str, Any]:
-    """Return law and order as in `identify`, for a law on the ladder or any other."""
+    """Return the law and order as arguments of `identify`, for a law on the ladder or any other law."""
     return LAWS.get(law, {"law": law}) if isinstance(law, str) else {"law": law}
 
 
 def law_of(law: LawGiven) -> Law:
-    """Return the family of a law.
+    """Return the `Law` for a law on the ladder or any other law.
 
     Raises:
         InputError: there is no such law, or it cannot be identified.
@@ -222,12 +226,12 @@ def law_of(law: LawGiven) -> Law:
 
 
 def believed(law: LawGiven, data: ForceData | None = None) -> dict[str, Parameter]:
-    """Return priors and bounds on the law's parameters, for any muscle.
+    """Return the priors and bounds on a law's parameters that are used for any muscle.
 
     Args:
         law: the law, as in `identify`.
-        data: the map. Features of a law that are narrower than half the widest gap between lengths cannot
-            be identified.
+        data: the map. If it is given, features of a law that are narrower than half the widest gap between
+            lengths are excluded, since they cannot be identified.
     """
     known = {"ogden_exponent": Parameter(prior=EXPONENT_PRIOR)}
     if data is not None:
@@ -239,9 +243,9 @@ def believed(law: LawGiven, data: ForceData | None = None) -> dict[str, Paramete
 
 
 def numbers_of(law: LawGiven) -> int:
-    """Count the parameters of law and geometry that the readings must determine.
+    """Return the number of parameters of law and geometry that the readings must determine.
 
-    Shape parameters of the law count unless they have a prior, which is equivalent to a reading.
+    Shape parameters of the law are counted unless they have a prior, which is equivalent to a reading.
     """
     made = law_of(law)
     of_prior = {name for name, one in believed(law).items() if one.prior is not None}
@@ -249,7 +253,7 @@ def numbers_of(law: LawGiven) -> int:
 
 
 def _rows(law: str) -> set[str]:
-    """Names of the parameters of a law."""
+    """Return the names of the parameters of a law."""
     made = law_of(law)
     return {*made.shape, *made.coefficients}
 
@@ -278,7 +282,7 @@ class LawSum(AbstractMaterial):
     def stresses(
         self, axial_strain: Real, hoop_strain: Real, pressure: Real
     ) -> tuple[RealArray, RealArray]:
-        """True stresses (sigma_z, sigma_c) [Pa], summed over the laws."""
+        """Return the true stresses (sigma_z, sigma_c) [Pa], summed over the laws."""
         each = [law.stresses(axial_strain, hoop_strain, pressure) for law in self.laws]
         axial, hoop = zip(*each, strict=True)
         return sum(axial, jnp.zeros(())), sum(hoop, jnp.zeros(()))
@@ -292,7 +296,7 @@ def _sum_of_laws() -> Law:
 
 
 def sharing_one_program(problem: Problem) -> Problem:
-    """Return the problem with each part computed by the shared program, if it is a special case of it."""
+    """Return the problem with the shared program computing every part that is a special case of it."""
     return dataclasses.replace(problem, parts=tuple(_within(part) for part in problem.parts))
 
 

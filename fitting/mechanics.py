@@ -1,4 +1,4 @@
-"""Family of muscles whose shape follows from mechanics; the force is nonlinear in all parameters."""
+"""Family of muscles whose shape is computed from mechanics; the force is nonlinear in all parameters."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -27,7 +27,7 @@ _FITTING = (0.6, 1.4)  # bounds of the braid diameter at the end-fittings, relat
 
 
 def check_ends(ends: str, asked: Mapping[str, Any]) -> str:
-    """Return `ends` if it is valid and compatible with the other options.
+    """Check that `ends` is valid and compatible with the other options, and return it.
 
     Raises:
         InputError: `ends` is unknown, or cannot be combined with another option.
@@ -43,9 +43,9 @@ def check_ends(ends: str, asked: Mapping[str, Any]) -> str:
 
 
 class EquilibriumSource(EstimatedSource):
-    """Braid and bladder of an estimated geometry, between two end-fittings with equal diameters.
+    """Source for a braid and bladder between two end-fittings with equal diameters.
 
-    The parameters are those of `EstimatedSource` without its end effects, plus `end_diameter`.
+    The parameters are those of `EstimatedSource` without the end effects, plus `end_diameter`.
     """
 
     bore: float = eqx.field(static=True)
@@ -66,7 +66,7 @@ class EquilibriumSource(EstimatedSource):
 
     @property
     def declared(self) -> dict[str, famjax.parameters.Declared]:
-        """The diameter at the end-fittings."""
+        """Parameter for the diameter at the end-fittings."""
         low, high = (share * self.bore for share in _FITTING)
         return {
             "end_diameter": famjax.parameters.Declared("m", "end_diameter", "length", low, high)
@@ -89,7 +89,7 @@ class EquilibriumSource(EstimatedSource):
 
 
 class SearchedLaw(Law):
-    """Law with all its parameters searched, since the force is not affine in the coefficients.
+    """Law whose parameters are all found by the outer search, as the force is not affine in any of them.
 
     Attributes:
         limits: bounds [Pa] of the coefficients, by name.
@@ -99,7 +99,7 @@ class SearchedLaw(Law):
 
     @property
     def coefficients(self) -> dict[str, Entry]:
-        """Empty: no coefficient is linear."""
+        """Empty, because the force is not linear in any coefficient."""
         return {}
 
     @property
@@ -118,10 +118,10 @@ def equilibrium_options(
     seed: int = 0,
     own: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """Return the options with which `pose` sets up a fit with the shape from mechanics.
+    """Return the options for `pose` that set up a fit with the shape computed from mechanics.
 
-    The search starts from the best cylinder with the same law; the initial end diameter equals the
-    diameter of that cylinder.
+    The search starts from the best-fitting cylinder with the same law. The initial end diameter equals
+    the diameter of that cylinder.
 
     Args:
         data: the maps.
@@ -165,7 +165,7 @@ def equilibrium_candidate(
     parameters: Mapping[str, Parameter] | None = None,
     seed: int = 0,
 ) -> Candidate:
-    """Return the candidate with Ogden's law, the shape from mechanics and the ladder's priors.
+    """Return the candidate with Ogden's law, the shape computed from mechanics and the ladder's priors.
 
     It ranks last among the families.
 

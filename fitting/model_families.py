@@ -1,6 +1,6 @@
 """Families built from any model with declared parameters, including the published models.
 
-The bounds of the published models are wide, so that each model fits as well as it can. Braid
+The bounds of the published models are wide, so that each model fits as well as it can. The braid
 diameter and angle are free parameters and need not describe a muscle that can be built.
 """
 
@@ -34,10 +34,10 @@ Translate = Callable[[Any, dict[str, Any]], Mapping[str, Any]]
 
 
 class ModelSource(AbstractGeometrySource):
-    """Source for a model that is not built from the specimen: the model with some of its numbers changed.
+    """Source that returns a given model with some of its values changed, independently of the specimen.
 
     Attributes:
-        model: model that provides all other numbers.
+        model: model that provides all other values.
         translate: converts the parameters to those of the model; None if they are the same.
     """
 
@@ -49,7 +49,7 @@ class ModelSource(AbstractGeometrySource):
         return self.muscle(values).geometry
 
     def muscle(self, values: Values, material: Any = None, further: Any = None) -> Any:
-        """Build the model from these values; it has its own law and terms."""
+        """Build the model from these values; law and terms are ignored, since the model has its own."""
         del material, further
         given = dict(values)
         return self.model.with_parameters(
@@ -59,14 +59,14 @@ class ModelSource(AbstractGeometrySource):
 
 @dataclasses.dataclass(frozen=True)
 class ModelFamily:
-    """A model and its free parameters, without a constraint along the actuation path.
+    """A model and its free parameters, without any constraint along the actuation path.
 
     Attributes:
         model: model that provides all fixed values.
         declared: free parameters with bounds; only linear ones may be unbounded.
         translate: converts the declared parameters to those of the model; None if they are the same.
         label: authors and variant, for tables.
-        note: remark for readers of the table.
+        note: remark printed with the table.
     """
 
     model: Any
@@ -96,7 +96,7 @@ class ModelFamily:
 
     @classmethod
     def of(cls, model: famjax.AbstractMuscle, label: str = "") -> "ModelFamily":
-        """Create a family from any model with declared parameters, which are all free.
+        """Create a family from any model with declared parameters, all of which are free.
 
         Args:
             model: instance of the model, such as `MyModel.template(rest_length=0.3)`.
@@ -111,22 +111,24 @@ class ModelFamily:
             )
         known, name = tuple(model.declared().values()), type(model).__name__
         if not known:
-            raise InputError(f"{name} declares no parameters: declare fields with famjax.parameter")
+            raise InputError(
+                f"{name} declares no parameters: declare its fields with famjax.parameter"
+            )
         for one in known:
             if not one.linear and not np.isfinite([one.low, one.high]).all():
                 raise InputError(
-                    f"{one.name} of {name} is searched and needs a finite range: declare it with "
-                    "famjax.parameter(low=..., high=...)"
+                    f"the force is nonlinear in {one.name} of {name}, so it needs a finite range: declare "
+                    "it with famjax.parameter(low=..., high=...)"
                 )
         return cls(model, known, label=label or name)
 
 
 def peer_families(data: ForceData) -> dict[str, ModelFamily]:
-    """Return all published models as families with bounds for a force map, by name.
+    """Return all published models, by name, as families with bounds suited to a force map.
 
     Args:
-        data: force map; its specimen and ranges set the bounds. Maps with the same specimen and range
-            share compiled programs.
+        data: force map; its specimen and its ranges of length and pressure set the bounds. Maps with the
+            same specimen and ranges share compiled programs.
     """
     pressure, length = data.pressure[data.loaded], data.length[data.loaded]
     ends = float(pressure.min()), float(pressure.max())
@@ -141,7 +143,7 @@ def _peers(
     steepest = min(math.asin(min(1.0, rest / (_LONGEST * longest))), math.radians(85))
     if steepest <= _FLATTEST:
         raise InputError(
-            f"a loaded reading has a length of {longest * 1e3:.5g} mm, too long for a "
+            f"a loaded reading has a length of {longest * 1e3:.5g} mm, which is too long for a "
             f"braid with a rest length of {rest * 1e3:.5g} mm: check the rest length and "
             "the unit of the length column"
         )

@@ -24,7 +24,7 @@ KINDS = {
     "series_compliance": "compliance",
     "series_exponent": "number",
 }
-"""Kind of unit of each parameter that does not belong to the law."""
+"""Type of unit of each parameter, except those of the bladder law."""
 
 _POSITIVE = {
     "braid_diameter", "braid_angle", "rest_length", "end_factor", "strain_scale", "series_exponent",
@@ -33,19 +33,19 @@ _NOT_NEGATIVE = {"end_length", "deadband_pressure", "braid_compliance", "series_
 """Parameters whose lower bound must not be negative."""
 
 _WALL_ALLOWANCE = 3.6e-3
-"""Upper limit of braid diameter minus bore [m]: two walls of 1.8 mm."""
+"""Largest difference between braid diameter and bore [m]: two walls of 1.8 mm each."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Parameter:
-    """User settings for one parameter; None keeps the default.
+    """The user's settings for one parameter; None keeps the default.
 
     Attributes:
-        value: fixed value; only with `vary=False`.
+        value: fixed value, allowed only with `vary=False`.
         min, max: bounds.
-        vary: True to identify the parameter.
+        vary: True to identify the parameter, False to fix it.
         prior: (mean, standard deviation) of the prior.
-        unit: unit of all these numbers, such as "mm"; "" is allowed only for dimensionless parameters.
+        unit: unit of all the numbers above, such as "mm"; "" is allowed only for dimensionless parameters.
     """
 
     value: float | None = None
@@ -58,11 +58,11 @@ class Parameter:
 
 @dataclasses.dataclass(frozen=True)
 class Entry:
-    """One parameter as used in the fit, in SI; min = max fixes it.
+    """One parameter as the fit uses it, in SI units; it is fixed if min equals max.
 
     Attributes:
         min, max: bounds.
-        kind: kind of unit.
+        kind: type of unit, such as "length" or "pressure".
         prior: (mean, standard deviation) or None.
     """
 
@@ -73,7 +73,7 @@ class Entry:
 
     @property
     def fixed(self) -> bool:
-        """True if the bounds are equal."""
+        """True if the bounds are equal, so that the parameter is fixed."""
         return self.min == self.max
 
 
@@ -83,15 +83,15 @@ def base_name(name: str) -> str:
 
 
 def standard_table(specimen: Specimen) -> dict[str, Entry]:
-    """Return the three parameters that every fit has, with bounds that suit real muscles.
+    """Return the three parameters that every fit includes, with bounds suitable for real muscles.
 
     Args:
-        specimen: the specimen; its nominal diameter sets the bounds of the braid diameter.
+        specimen: the specimen; its nominal diameter sets the bounds on the braid diameter.
 
     Returns:
-        Entries in SI by name: braid diameter from the bore to 3.6 mm above it, braid angle 60 to 70
-        deg, deadband 0 to 1 bar. Without a nominal diameter, the braid diameter is between 3 and
-        80 mm.
+        Entries in SI units, keyed by name. The braid diameter is between the nominal diameter and
+        3.6 mm above it, or between 3 and 80 mm if there is no nominal diameter. The braid angle is
+        between 60 and 70 deg, and the deadband between 0 and 1 bar.
     """
     bore = specimen.nominal_diameter
     diameter = (bore, bore + _WALL_ALLOWANCE) if bore else (3e-3, 80e-3)
@@ -116,7 +116,7 @@ def optional_table(specimen: Specimen) -> dict[str, Entry]:
 
 
 def entry_in_si(name: str, given: Parameter, standard: Entry) -> Entry:
-    """Apply the user's settings for a parameter to its standard entry, in SI.
+    """Apply the user's settings to the standard entry of a parameter; return the result in SI units.
 
     Raises:
         InputError: the unit is missing or unknown, the bounds or value are contradictory, or the
@@ -139,7 +139,7 @@ def entry_in_si(name: str, given: Parameter, standard: Entry) -> Entry:
     if standard.kind != "number" and not given.unit and (said or told):
         units = list(UNITS[standard.kind])
         raise InputError(
-            f"{name} is a {standard.kind} and needs a unit: one of {', '.join(units)}. Example: "
+            f"{name} needs a unit of {standard.kind}, one of {', '.join(units)}. Example: "
             f"Parameter(..., unit={units[-1]!r})"
         )
 
@@ -150,11 +150,12 @@ def entry_in_si(name: str, given: Parameter, standard: Entry) -> Entry:
     if given.value is not None:
         return bounded(name, si(given.value), si(given.value), standard)
     if told is not None:
-        told = check_pair(f"the prior of {name}", told, "must be (mean, standard deviation)")
+        told = check_pair(f"the prior on {name}", told, "must be (mean, standard deviation)")
         told = si(told[0]), si(told[1])
         if not (np.isfinite(told).all() and told[1] > 0):
             raise InputError(
-                f"the prior of {name} must be a mean and a standard deviation > 0, got {given.prior}"
+                f"the prior on {name} must have a finite mean and a standard deviation > 0, got "
+                f"{given.prior}"
             )
         check_prior(name, standard.kind, told, given.unit)
     low = standard.min if given.min is None else si(given.min)
@@ -166,7 +167,7 @@ def bounded(name: str, low: float, high: float, entry: Entry) -> Entry:
     """Return the entry with these bounds [SI].
 
     Raises:
-        InputError: the lower bound exceeds the upper one, or the bounds fix a parameter that has a prior.
+        InputError: the lower bound exceeds the upper one, or equal bounds fix a parameter that has a prior.
     """
     if math.isnan(low) or math.isnan(high) or low > high:
         raise InputError(
@@ -174,8 +175,8 @@ def bounded(name: str, low: float, high: float, entry: Entry) -> Entry:
         )
     if low == high and entry.prior is not None:
         raise InputError(
-            f"the bounds of {name} fix it at {low:.6g} (SI), so its prior has no effect: give a prior "
-            "or a fixed value, not both"
+            f"the bounds of {name} fix it at {low:.6g} (SI), so its prior has no effect: specify "
+            "either a prior or a fixed value"
         )
     return dataclasses.replace(entry, min=float(low), max=float(high))
 
@@ -187,17 +188,18 @@ def complete_table(
     parameters: Mapping[str, Parameter],
     further: Mapping[str, Entry] | None = None,
 ) -> dict[str, Entry]:
-    """Combine standard bounds, law parameters and user settings into the table of one specimen.
+    """Combine standard bounds, law parameters and user settings into the table for one specimen.
 
     Args:
         specimen: the specimen to fit.
         law: shape parameters and coefficients of the law.
-        bounds: intervals in SI by name.
-        parameters: bounds, fixed values and priors with units, by name.
-        further: parameters declared by a custom geometry or terms, fitted only if named.
+        bounds: (low, high) in SI units, keyed by name.
+        parameters: bounds, fixed values and priors with their units, keyed by name.
+        further: parameters declared by a custom geometry or custom terms; they are fitted only if
+            `bounds` or `parameters` names them.
 
     Returns:
-        Entries in SI by name, the coefficients last.
+        Entries in SI units, keyed by name, with the coefficients last.
 
     Raises:
         InputError: a name is unknown, or settings contradict each other.
@@ -206,7 +208,7 @@ def complete_table(
     known = {**optional_table(specimen), **(further or {}), **standard, **law}
     for name in (*bounds, *parameters):
         if name not in known:
-            raise InputError(f"unknown parameter {name!r}; this fit has {', '.join(known)}")
+            raise InputError(f"unknown parameter {name!r}; choose from {', '.join(known)}")
         entry, given = known[name], parameters.get(name)
         if given is not None:
             entry = entry_in_si(name, given, entry)
@@ -214,7 +216,7 @@ def complete_table(
             ends = check_pair(f"bounds of {name}", bounds[name], "must be (low, high)")
             check_bounds(name, entry.kind, ends)
             if given is not None and (given.value, given.min, given.max) != (None, None, None):
-                raise InputError(f"give the bounds of {name} only once, in bounds or in parameters")
+                raise InputError(f"give the bounds of {name} only once: in bounds or in parameters")
             entry = bounded(name, *ends, entry)
         changed[name] = entry
     extras = {name: changed[name] for name in known if name in changed and name not in law}
@@ -224,7 +226,7 @@ def complete_table(
 
 
 def _check_physics(table: Mapping[str, Entry], law: Mapping[str, Entry]) -> None:
-    """Check that searched parameters have finite bounds and that all bounds are physical."""
+    """Check that all bounds are physically possible, and finite for parameters that are found by search."""
     for name, entry in table.items():
         low, high = entry.min, entry.max
         if not (name in law and entry.kind == "stress") and not np.isfinite([low, high]).all():
@@ -237,6 +239,6 @@ def _check_physics(table: Mapping[str, Entry], law: Mapping[str, Entry]) -> None
             "braid_angle must be between 0 and 90 deg, measured from the circumference"
         )
     if "end_factor" in table and "end_length" in table:
-        raise InputError("end_factor and end_length describe the same quantity: name only one")
+        raise InputError("end_factor and end_length describe the same quantity: specify only one")
     if "series_exponent" in table and "series_compliance" not in table:
-        raise InputError("series_exponent needs series_compliance: name both")
+        raise InputError("series_exponent requires series_compliance: specify both")

@@ -1,8 +1,9 @@
-"""Fit the shape from mechanics to photographs and force together.
+"""Fit photographs and force readings together, with a muscle shape computed from mechanics.
 
-The photographs enter as Gaussian priors. Their residuals are linearised about the current
-parameters and compressed by QR to one row per parameter. This is repeated until the parameters converge
-(Gauss-Newton), so the optimum and the covariance account for all forces and diameters together.
+The photographs enter the fit as Gaussian priors. Their residuals are linearised about the current
+parameters and reduced by a QR decomposition to one row per parameter. This is repeated until the
+parameters converge (Gauss-Newton), so the optimum and the covariance account for all forces and
+diameters together.
 """
 
 import dataclasses
@@ -34,7 +35,7 @@ _KEYS = {
     "names": "names", "length": "length_m", "pressure": "pressure_Pa", "position": "position",
     "measured": "measured_diameter_m", "computed": "computed_diameter_m", "stderr": "diameter_stderr_m",
 }  # fmt: skip
-"""Key of each field in `fit.json`."""
+"""Key in `fit.json` for each field."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,7 +48,7 @@ class PictureFit:
         position: positions z/L [-], shape (m,).
         measured, computed: braid diameter D [m], shape (n, m).
         stderr: standard error [m] of a diameter: the larger of the stated error and the RMSE.
-        priors: priors on the parameters that represent the photographs.
+        priors: the photographs, expressed as priors on the parameters.
     """
 
     names: tuple[str, ...]
@@ -65,13 +66,13 @@ class PictureFit:
         return float(np.sqrt(np.mean((self.computed - self.measured) ** 2)))
 
     def as_dict(self) -> dict[str, Any]:
-        """Return JSON-ready data in SI."""
+        """Return JSON-ready data in SI units."""
         found = {key: np.asarray(getattr(self, name)).tolist() for name, key in _KEYS.items()}
         return {**found, "priors": [[p.direction.tolist(), p.mean, p.std] for p in self.priors]}
 
     @classmethod
     def from_dict(cls, saved: Mapping[str, Any]) -> "PictureFit":
-        """Rebuild from the result of `as_dict`."""
+        """Rebuild a joint fit from the result of `as_dict`."""
         found = {name: np.array(saved[key]) for name, key in _KEYS.items()}
         priors = tuple(Prior(np.array(row), mean, std) for row, mean, std in saved["priors"])
         said = {"names": tuple(saved["names"]), "stderr": float(saved[_KEYS["stderr"]])}
@@ -80,14 +81,14 @@ class PictureFit:
     def summary(self) -> str:
         """Summarise the joint fit in one sentence."""
         return (
-            f"Profile and force are fitted together: the diameters in {len(self.names)} photographs "
+            f"Profile and force were fitted together: the diameters in {len(self.names)} photographs "
             f"differ from the computed ones by {self.rmse * 1e3:.2g} mm RMS "
-            f"({self.rmse / self.measured.mean():.2%})."
+            f"({self.rmse / self.measured.mean():.2%} of the mean diameter)."
         )
 
 
 def read_pictures(table: Any) -> Pictures:
-    """Read the photographs for a joint fit: at most 16, spread over the whole stroke.
+    """Read the photographs for a joint fit, and keep at most 16 spread over the whole stroke.
 
     Args:
         table: path to a `measurements.nc`; every picture needs a pressure.
@@ -111,13 +112,13 @@ def join(
 ) -> tuple[End, Problem, PictureFit]:
     """Fit force and photographs together, starting from the best fit to the force alone.
 
-    Each picture counts as one force reading, because its diameters share a common error. Forces are
-    weighted by `noise`, or by their RMSE if `noise` is None. Diameters are weighted by the larger of
-    their stated error and their RMSE.
+    Each picture counts as one force reading, because its diameters share a common error. Force
+    residuals are divided by `noise`, or by their RMSE if `noise` is None. Diameter residuals are
+    divided by the larger of the stated diameter error and their RMSE.
 
     Args:
-        problem: problem with one force map and the shape from mechanics.
-        best: its optimum without the photographs.
+        problem: problem with one force map and a shape computed from mechanics.
+        best: optimum of the problem without the photographs.
         pictures: photographs from `read_pictures`.
         noise: standard deviation of a weighted force reading; None if not stated.
 
@@ -125,7 +126,7 @@ def join(
         (optimum, problem with the photographs as priors, photographed and computed profiles).
 
     Raises:
-        InputError: the muscle has no stable shape in a photographed state, or the iteration does not
+        InputError: the muscle has no stable shape in a photographed state, or the joint fit does not
             converge.
     """
     (part,) = problem.parts
@@ -141,9 +142,9 @@ def join(
         lost = ~np.isfinite(computed).all(axis=1) | ~np.isfinite(slope).all(axis=(1, 2))
         if lost.any():
             raise InputError(
-                f"the muscle that fits the force has no stable shape in {int(lost.sum())} of the "
-                f"photographs, for example {pictures.names[int(np.argmax(lost))]}: check that the lengths "
-                "and pressures in the force map and the photographs are consistent"
+                "the muscle that fits the force readings has no stable shape at the length and pressure of "
+                f"{int(lost.sum())} photographs, for example {pictures.names[int(np.argmax(lost))]}: check "
+                "that the lengths and pressures in the force map and the photographs are consistent"
             )
         off = computed - measured
         if done < _WEIGHED:
@@ -165,13 +166,13 @@ def join(
             )  # fmt: skip
             return best, problem, fit
     raise InputError(
-        f"the joint fit to force and photographs did not converge in {_ROUNDS} rounds: give bounds or "
-        "priors for the parameters that the data do not determine"
+        f"the joint fit to force and photographs did not converge in {_ROUNDS} iterations: set bounds or "
+        "priors on the parameters that the data do not determine"
     )
 
 
 def _compressed(rows: np.ndarray, targets: np.ndarray) -> tuple[Prior, ...]:
-    """Compress weighted rows into priors with the same normal equations; rows of zeros are dropped."""
+    """Reduce weighted rows to priors with the same normal equations; zero rows are dropped."""
     size = np.linalg.norm(rows, axis=0)
     Q, R = np.linalg.qr(rows / np.where(size > 0, size, 1.0))
     R, t = R * size, Q.T @ targets
@@ -185,7 +186,7 @@ def _compressed(rows: np.ndarray, targets: np.ndarray) -> tuple[Prior, ...]:
 def _diameters_and_slopes(
     family: MuscleFamily, p: AnyArray, length: AnyArray, pressure: AnyArray
 ) -> tuple[Float[Array, "n m"], Float[Array, "n m q"]]:
-    """Return braid diameters [m] at `POSITIONS`, and their derivatives in the family's parameters."""
+    """Return braid diameters [m] at `POSITIONS`, and their derivatives with respect to the parameters."""
 
     def diameters(p: Array) -> tuple[Array, Array]:
         muscle = family.build(dict(zip(family.nonlinear, p, strict=True)))

@@ -1,8 +1,8 @@
-"""Identify a plant from records of valve signal, pressure and force by multiple shooting.
+"""Identify a plant by multiple shooting from records of valve signal, pressure and force.
 
 A record is cut into pieces of equal length. The initial pressure of each piece is unknown and must
-match the end of the previous piece. The opening of the actuator at the start of the record is also unknown;
-later openings and the friction follow from the recorded signal and length.
+match the pressure at the end of the previous piece. The opening of the valve (or pump) at the start of
+the record is also unknown. Later openings and the friction follow from the recorded signal and length.
 """
 
 import dataclasses
@@ -29,20 +29,20 @@ FREE: Mapping[type, tuple[str, ...]] = {
     PneumaticCircuit: ("conductance", "critical_ratio", "lag", "leak", "dead_volume"),
     HydraulicCircuit: ("displacement", "needle", "lag", "bulk_modulus"),
 }
-"""Parameters of a circuit that are identified by default."""
+"""Parameters that are identified by default, for each type of circuit."""
 
 
 @dataclasses.dataclass(frozen=True)
 class PlantRecord:
-    """Test of one muscle on a machine, sampled at equal time steps.
+    """Record of one muscle on a testing machine, sampled at equal time steps.
 
     Attributes:
         time: time [s], increasing, shape (n,).
-        signal: signal to the valve or pump, 0 to 1 as a fraction of full output, held between samples.
+        signal: signal to the valve or pump as a fraction of full output, 0 to 1; constant between samples.
         pressure: measured gauge pressure P [Pa].
         length: active length L [m].
         force: measured force F [N]; None if not measured.
-        name: name used in messages.
+        name: name of the record in messages.
     """
 
     time: Float[np.ndarray, " n"]
@@ -53,11 +53,11 @@ class PlantRecord:
     name: str = "record"
 
     def __post_init__(self) -> None:
-        """Check the columns.
+        """Check the columns of the record.
 
         Raises:
-            InputError: columns differ in length, time steps are unequal, values are not finite, the
-                signal is constant or outside 0 to 1, or the pressure is absolute.
+            InputError: columns differ in length, there are too few time steps or they are unequal, values
+                are not finite, the signal is constant or outside 0 to 1, or the pressure is absolute.
         """
         columns = {
             field.name: np.asarray(value, float)
@@ -69,19 +69,19 @@ class PlantRecord:
             if values.shape != columns["time"].shape or not np.isfinite(values).all():
                 raise InputError(
                     f"{self.name}: {name} must be finite, with one value for each of the "
-                    f"{columns['time'].size} times: trim the record to the part where all are known"
+                    f"{columns['time'].size} times: trim the record to the part where every column is known"
                 )
         steps = np.diff(self.time)
         if steps.size < 20 or not (steps > 0).all() or np.ptp(steps) > 0.5 * np.median(steps):
             raise InputError(
-                f"{self.name}: times must increase in at least 20 equal steps; got steps of "
+                f"{self.name}: times must increase in at least 20 equal steps; got {steps.size} steps of "
                 f"{steps.min(initial=0):.3g} to {steps.max(initial=0):.3g} s: resample the record"
             )
         if self.signal.min() < 0 or self.signal.max() > 1 or np.ptp(self.signal) == 0:
             raise InputError(
                 f"{self.name}: the signal to the valve or pump must vary between 0 and 1 (full output); "
-                f"got {self.signal.min():g} to {self.signal.max():g}. A set pressure is not such a signal: "
-                "record the controller output"
+                f"got {self.signal.min():g} to {self.signal.max():g}. A pressure set point cannot be used: "
+                "record the controller's output"
             )
         if 85e3 < self.pressure.min() < 110e3:
             raise InputError(
@@ -96,7 +96,7 @@ class PlantRecord:
         return float(self.time[-1] - self.time[0]) / (self.time.size - 1)
 
     def part(self, start: int, end: int) -> "PlantRecord":
-        """Return the samples from start to end."""
+        """Return a record of the samples from `start` up to, but not including, `end`."""
         return dataclasses.replace(
             self,
             **{
@@ -115,7 +115,7 @@ class PlantEstimate:
         name, unit: name and unit of the parameter.
         value: value in SI.
         stderr: standard error; nan at a bound.
-        at_bound: true if the value is at an end of its range.
+        at_bound: true if the value is at a limit of its range.
     """
 
     name: str
@@ -132,8 +132,9 @@ class PlantFit:
     Attributes:
         plant: plant with the identified parameters.
         estimates: identified parameters.
-        covariance: their covariance.
-        pressure_rms, force_rms: RMS of the residuals [Pa], [N]; the latter is nan without forces.
+        covariance: covariance of the identified parameters.
+        pressure_rms, force_rms: RMS residuals of pressure [Pa] and force [N]; the latter is nan if no
+            force was measured.
         warnings: warnings about poorly determined parameters and small signals.
     """
 
@@ -145,7 +146,7 @@ class PlantFit:
     warnings: tuple[str, ...]
 
     def predict(self, record: PlantRecord) -> PlantState:
-        """Predict the states along a record from its signal, length and first pressure."""
+        """Predict the plant's states along a record from its signal, length and first pressure."""
         opening, of = self.plant.circuit.opening(record.signal[0]), _pieces(record, math.inf)
         start = _beginnings(self.plant, of.inputs, of.step, record.time.size, opening)
         states = _simulated(self.plant, of.commands, start, of.step)
@@ -178,22 +179,22 @@ def identify_plant(
 ) -> PlantFit:
     """Identify the parameters of a plant from records of pressure and force.
 
-    The residuals of pressure and measured force, each weighted by its remaining RMS, are minimised by
-    multiple shooting. The muscle itself is fixed: identify it with `identify`.
+    The residuals of pressure and measured force, each divided by its RMS, are minimised by multiple
+    shooting. The muscle model does not change: identify it beforehand with `identify`.
 
     Args:
-        records: records of one muscle whose length is driven by the machine.
+        records: records of one muscle whose length is driven by a testing machine.
         plant: plant with a `DrivenLength`; its parameters are the initial guesses.
-        free: names of the parameters to identify in circuit, friction (`friction.share`) and plant
-            (`viscosity`); by default those in `FREE`, and the friction share and viscosity if force
-            was measured while the length changed.
+        free: names of the parameters to identify, which may belong to the circuit, the friction
+            (`friction.share`) or the plant (`viscosity`). By default these are the parameters in `FREE`,
+            plus the friction share and viscosity if force was measured while the length changed.
 
     Returns:
         The identified plant, with standard errors and warnings.
 
     Raises:
-        InputError: the plant does not have one driven muscle, a name is unknown, or a record is
-            sampled too slowly for the lag.
+        InputError: there is no record, the plant has no `DrivenLength`, a name is unknown, or a record
+            is sampled too slowly to determine the lag.
         RuntimeError: float64 is off.
 
     References:
@@ -239,7 +240,7 @@ def identify_plant(
 
 
 def _numbers(plant: Plant) -> dict[str, tuple[Declared, float]]:
-    """Return declaration and value of every parameter of circuit, friction and plant, by name."""
+    """Return the declaration and value of every parameter of circuit, friction and plant, keyed by name."""
     found = {}
     for prefix, part in (("", plant.circuit), ("friction.", plant.friction)):
         if isinstance(part, Parametrised):
@@ -262,7 +263,7 @@ def _free(
     unknown = [name for name in free if name not in known]
     if unknown or not free:
         raise InputError(
-            f"free must name parameters of the plant, among {', '.join(known)}; "
+            f"free must name parameters of the plant, chosen from {', '.join(known)}; "
             f"got {', '.join(unknown) or 'none'}"
         )
     return tuple(free)
@@ -285,7 +286,7 @@ def _with(plant: Plant, names: Sequence[str], values: Sequence[Any]) -> Plant:
 
 
 class _Inputs(NamedTuple):
-    """Columns of a record that drive a plant, shape (n,); the pressure is used where pieces begin."""
+    """Columns of a record that drive a plant, shape (n,); pressure is used only for the initial states."""
 
     signal: Float[Array | np.ndarray, " n"]
     length: Float[Array | np.ndarray, " n"]
@@ -303,7 +304,7 @@ class _Pieces(NamedTuple):
 
 
 def _pieces(record: PlantRecord, seconds: float = 1.0) -> _Pieces:
-    """Cut a record into pieces of equal length; samples left over at the end are not used."""
+    """Cut a record into pieces of equal length; samples left over at the end are dropped."""
     last, step = record.time.size - 1, record.step
     count = max(1, min(last, round(min(seconds / step, last))))
     at = np.arange(last // count)[:, None] * count + np.arange(count + 1)
@@ -318,10 +319,10 @@ def _pieces(record: PlantRecord, seconds: float = 1.0) -> _Pieces:
 def _beginnings(
     plant: Plant, inputs: _Inputs, step: float, every: int, opening: Real
 ) -> PlantState:
-    """Return the states at which pieces begin, at the measured pressures; leading axis (m,).
+    """Return the state at the start of each piece, from the measured pressures; the leading axis is (m,).
 
-    Openings and friction depend only on signal, length and pressure, so they are computed for the whole
-    record.
+    Openings and friction depend only on signal, length and pressure, so they are computed in one pass
+    over the whole record.
     """
     first = plant.start(inputs.length[0], inputs.pressure[0])
     first = eqx.tree_at(lambda one: one.opening, first, jnp.asarray(opening))
@@ -372,13 +373,13 @@ def _shot(
     """Return the pressures and forces along the pieces, with their derivatives.
 
     Args:
-        plant: plant with the fixed parameters.
-        names: names of `numbers`.
+        plant: plant that supplies the fixed parameters.
+        names: names of the parameters in `numbers`.
         inputs: columns of the whole record.
-        commands: commands of its pieces, shape (m, n).
+        commands: commands in each piece of the record, shape (m, n).
         step: time between samples [s].
         numbers: values of the free parameters [SI].
-        opening: opening of the actuator at the start of the record.
+        opening: opening of the valve or pump at the start of the record.
         first: initial pressure [Pa] of each piece.
 
     Returns:
@@ -425,7 +426,7 @@ class _Shooting:
         return np.array([of([one.pressure for one in self.pieces]), of(forces) if forces else 1.0])
 
     def _parts(self, u: np.ndarray, scale: np.ndarray) -> list[tuple[int, np.ndarray, np.ndarray]]:
-        """Return all residuals: kind (0 pressure, 1 force, 2 start, 3 jump), values and derivatives."""
+        """Return (kind, values, derivatives) of all residuals: 0 pressure, 1 force, 2 start, 3 jump."""
         key = u.tobytes() + scale.tobytes()
         if self._last[0] == key:
             return self._last[1]
@@ -464,7 +465,7 @@ class _Shooting:
         )
 
     def left(self, u: np.ndarray, scale: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-        """Return the root mean squares of the pressure and force residuals."""
+        """Return the RMS residuals of pressure [Pa] and force [N]."""
         left = sigma.copy()
         for kind in (0, 1):
             off = [one.ravel() for of, one, _ in self._parts(u, scale) if of == kind]
@@ -502,7 +503,7 @@ def _summary(
         PlantEstimate(n, str(one.unit), float(v), float(e), bool(b))
         for n, one, v, e, b in zip(names, declared, values, errors, at_bound, strict=True)
     )
-    warnings = [f"{one.name} is at an end of its range" for one in estimates if one.at_bound]
+    warnings = [f"{one.name} is at a limit of its range" for one in estimates if one.at_bound]
     warnings += [
         f"the records barely determine {one.name}: {one.value:.3g} +- {one.stderr:.2g} {one.unit}".rstrip()
         for one in estimates if one.stderr > 0.5 * abs(one.value)
@@ -518,7 +519,9 @@ def _summary(
         for one in problem.pieces
     )
     if widest < 0.5:
-        warnings.append(f"the valve never opened fully (at most {widest:.0%}): use larger signals")
+        warnings.append(
+            f"the valve or pump never exceeded {widest:.0%} of full output: use larger signals"
+        )
     forces = any(one.force is not None for one in problem.pieces)
     return PlantFit(
         plant, estimates, covariance, float(sigma[0]), float(sigma[1]) if forces else math.nan,

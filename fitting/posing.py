@@ -45,7 +45,7 @@ Geometry = (
     | str
     | Mapping[str, AbstractGeometrySource]
 )
-"""Accepted types of geometry; a mapping contains one for each specimen name."""
+"""Types accepted as a geometry; a mapping contains one geometry for each specimen name."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,10 +55,11 @@ class Posed:
     Attributes:
         data: one force map per specimen.
         problem: optimisation problem.
-        table: all parameters by name, SI.
+        table: all parameters in SI units, keyed by name.
         law: bladder law.
         constraint: constraint on the coefficients, see `identify`.
-        near: values [SI] by name around which starting points are sampled; None to use the whole box.
+        near: values [SI], keyed by name, around which starting points are sampled; None to sample the
+            whole box.
     """
 
     data: tuple[ForceData, ...]
@@ -82,7 +83,7 @@ class Posed:
 
 _SCATTER = 0.1  # width of the starts around `near`, relative to the box
 EXCHANGES = 8
-"""Number of spare stations, used for points between the others where the constraint is violated."""
+"""Number of spare stations on each path, placed where the constraint is violated between the others."""
 
 
 def pose(
@@ -106,7 +107,7 @@ def pose(
     `program` embeds the problem in a shared compiled program, see `Within`; for `near`, see `Posed`.
 
     Raises:
-        InputError: the data do not support the fit; the message gives the reason.
+        InputError: the data do not support the fit; the message states the reason.
         RuntimeError: float64 is off.
     """
     check_float64()
@@ -121,13 +122,14 @@ def pose(
     check_law(family, constraint)
     if len(data) > 1 and isinstance(geometry, AbstractGeometry | AbstractGeometrySource):
         raise InputError(
-            "a known geometry applies to one specimen only: pass a class, or a function of the estimated "
-            f"geometry, such as lambda shape: EndEffectGeometry(shape, 1.0); got {type(geometry)}"
+            "a known geometry applies to one specimen only: for several specimens, pass a class, or a "
+            "function of the estimated geometry, such as lambda shape: EndEffectGeometry(shape, 1.0); got "
+            f"{type(geometry)}"
         )
     if len({one.force_std is None for one in data}) > 1:
         raise InputError(
             "some specimens have standard deviations of the force (force_std) and others do not: readings "
-            "identified together must be weighted in the same way, so give force_std for all or for none"
+            "identified together must be weighted in the same way, so set force_std for all or for none"
         )
     sources = [source_of(one, geometry, (*bounds, *parameters)) for one in data]
     tables = [
@@ -136,11 +138,13 @@ def pose(
     ]
     unknown = sorted(set(own) - tables[0].keys())
     if unknown:
-        raise InputError(f"own parameter {unknown[0]!r} is not one of {', '.join(tables[0])}")
+        raise InputError(
+            f"unknown parameter {unknown[0]!r} in own; choose from {', '.join(tables[0])}"
+        )
     mixed = [name for name in own if name in {**family.shape, **family.coefficients}]
     if mixed:
         raise InputError(
-            f"{mixed[0]} belongs to the law, which all specimens share: omit it from own"
+            f"{mixed[0]} belongs to the law, which all specimens share: remove it from own"
         )
     for one, source, table in zip(data, sources, tables, strict=True):
         check_specimen(one, source, table, noise, censored=censored)
@@ -196,7 +200,7 @@ def _table(
     twice = [*(of_terms.keys() & source.declared.keys()), *(declared.keys() & rows.keys())]
     if twice:
         raise InputError(
-            f"{twice[0]} is declared by more than one of law, geometry and terms: rename one with "
+            f"{twice[0]} is declared more than once, in the law, geometry or terms: rename one with "
             "famjax.parameter(name=...)"
         )
     own = {name: Entry(one.low, one.high, one.kind) for name, one in declared.items()}
@@ -232,17 +236,17 @@ def _shared(name: str, of_each: Sequence[Entry]) -> Entry:
     if low > high:
         raise InputError(
             f"{name} cannot be shared: one specimen requires at least {low:.6g}, another at most "
-            f"{high:.6g} (SI). Name it in own, or give bounds that suit all specimens"
+            f"{high:.6g} (SI). List it in own, or set bounds that suit all specimens"
         )
     return dataclasses.replace(of_each[0], min=low, max=high)
 
 
 def _interval(name: str, entry: Entry) -> tuple[float, float]:
-    """Return the bounds of a searched parameter, which must be finite."""
+    """Return the bounds of a parameter that is found by search; they must be finite."""
     if not math.isfinite(entry.max - entry.min):
         raise InputError(
-            f"{name} is searched, so it needs finite bounds; got {entry.min:.4g} to {entry.max:.4g} (SI): "
-            "declare it with famjax.parameter(low=..., high=...), give bounds, or declare it with "
+            f"{name} is found by search, so it needs finite bounds; got {entry.min:.4g} to {entry.max:.4g} "
+            "(SI): declare it with famjax.parameter(low=..., high=...), set bounds, or declare it with "
             'linear=True and kind="stress" if the force is linear in it'
         )
     return entry.min, entry.max
@@ -264,9 +268,9 @@ def _part(
 ) -> Part:
     """Build the part of the problem for one force map.
 
-    If the law does not depend on pressure, the path runs from rest to the shortest length in the map.
-    Otherwise there is one path at each pressure, to the longest slack length or, if there is none, to
-    the shortest loaded length.
+    If the law does not depend on pressure, the actuation path runs from rest to the shortest length in
+    the map. Otherwise there is one path for each pressure, which ends at the longest slack length or, if
+    no reading is slack, at the shortest loaded length.
     """
     mine = own_names(names, data.specimen.name)
     levels = np.unique(data.pressures.level[data.loaded])
@@ -318,15 +322,15 @@ def path_end_at(data: ForceData, level: float) -> float:
 def own_parts(
     data: Sequence[ForceData], geometry: str | type | None, terms: Sequence[str | type]
 ) -> tuple[dict[str, Any], dict[str, Declared]]:
-    """Convert custom classes to options for `identify`, with the parameters they declare.
+    """Convert custom classes to options for `identify`, and collect the parameters that they declare.
 
     Args:
-        data: force maps that share these parts.
-        geometry: class that wraps the estimated geometry, or module:Class, or None.
-        terms: classes of force terms, or module:Class.
+        data: force maps to which the classes apply.
+        geometry: class that wraps the estimated geometry, or its name as `module:Class`; None for none.
+        terms: classes of force terms, or their names as `module:Class`.
 
     Returns:
-        (options, declarations by name).
+        (options, parameter declarations keyed by name).
 
     Raises:
         InputError: a class is missing or has the wrong type, or a term needs a value that it does
@@ -358,5 +362,5 @@ def own_parts(
 def taking_part(
     declared: Mapping[str, Declared], named: Mapping[str, object]
 ) -> dict[str, Parameter]:
-    """Free the declared parameters that the user has not named, within their declared ranges."""
+    """Return free parameters, within their declared ranges, for all declared names not set by the user."""
     return {name: Parameter() for name in declared if name not in named}

@@ -39,7 +39,8 @@ class Summary:
         mean, std: mean and standard deviation of the draws.
         low, high: limits of the central 95 % interval.
         r_hat: split R-hat of the chains; 1 if they agree.
-        effective_size, effective_size_of_tails: equivalent number of independent draws.
+        effective_size, effective_size_of_tails: equivalent number of independent draws, in the bulk and in
+            the tails.
     """
 
     mean: float
@@ -58,11 +59,11 @@ class Posterior:
     Attributes:
         names: names of the free parameters: nonlinear ones, coefficients and, if the noise is unknown,
             `noise` [N] or `noise_factor`, which multiplies the standard deviations of the readings.
-        kinds: kinds of their units.
+        kinds: type of unit of each parameter.
         samples: values [SI], shape (chains, draws, parameters).
         divergent: true for divergent trajectories, shape (chains, draws). If there are more than a few,
             the draws miss part of the posterior.
-        noise: known standard deviation of a reading [N], or the known factor; None if it was sampled.
+        noise: known standard deviation of a reading [N], or known value of the factor; None if sampled.
     """
 
     names: tuple[str, ...]
@@ -88,7 +89,7 @@ class Posterior:
 
     @functools.cached_property
     def summary(self) -> dict[str, Summary]:
-        """Summary of every parameter by name."""
+        """Summary of every parameter, keyed by name."""
         diagnostics, draws = load_blackjax().diagnostics, self.samples
         # The halves of a drifting chain differ.
         half = draws.shape[1] // 2
@@ -107,12 +108,12 @@ class Posterior:
 
     @property
     def r_hat(self) -> float:
-        """Largest R-hat of all parameters."""
+        """Largest R-hat over all parameters."""
         return max(one.r_hat for one in self.summary.values())
 
     @property
     def effective_size(self) -> float:
-        """Smallest effective size of all parameters, in the bulk and in the tails."""
+        """Smallest effective size over all parameters, in the bulk and in the tails."""
         summary = self.summary.values()
         return min(min(one.effective_size, one.effective_size_of_tails) for one in summary)
 
@@ -141,8 +142,8 @@ def load_blackjax() -> Any:
         if error.name != "blackjax":
             raise
         raise InputError(
-            "sampling the posterior needs blackjax, which is not installed; install the extra "
-            '"posterior": python -m pip install "famjax[posterior]"'
+            "sampling the posterior needs blackjax, which is not installed; install it with "
+            'python -m pip install "famjax[posterior]"'
         ) from None
 
 
@@ -185,21 +186,22 @@ def sample(
 
     Readings are assumed to be the model's force plus independent normal noise. Nonlinear parameters have a
     uniform prior within their bounds, and coefficients a flat prior on the set allowed by the constraint;
-    both are multiplied by the stated priors. Active constraints are sampled in terms of their slack; a
-    trajectory that meets another constraint ends there and counts as divergent. The sampler is NUTS
-    (blackjax).
+    both are multiplied by any priors stated in the fit. Active constraints are sampled in terms of their
+    slack. A trajectory that meets another constraint ends there and counts as divergent. The sampler is
+    NUTS (blackjax).
 
     Args:
         result: from `identify` or `identify_together`; with `objective="huber"` the readings keep their
             final weights.
-        draws: draws of each chain after the warm-up.
-        warmup: tuning draws of each chain.
-        chains: number of chains, from dispersed starts.
+        draws: number of draws per chain after the warm-up.
+        warmup: number of tuning draws per chain.
+        chains: number of chains, each from a different, widely dispersed start.
         noise: known standard deviation of a reading [N], or (low, high) [N] to sample it with a
-            log-uniform prior. If readings have standard deviations, it is a factor on these. By default
-            it is sampled up to the largest force; the lower limit is the noise assumed in the fit
-            (standard deviations, error of the laws for a chosen family, or noise used with priors), or
-            else 1e-4 of the largest force.
+            log-uniform prior. If the readings have standard deviations, `noise` is a factor on them. By
+            default it is sampled between the noise assumed in the fit and the largest force. The noise
+            assumed in the fit comes from the standard deviations, from the error of the laws (for a
+            chosen family), or from the noise given with priors. Without any of these, the lower limit is
+            1e-4 of the largest force.
         seed: random seed of the draws.
         progress: called with (0, 1) before sampling.
 
@@ -249,7 +251,7 @@ def sample(
 
 
 def _noise(result: Identification, noise: Noise | None) -> Noise:
-    """Return the noise in the unit of the weighted residual, or the limits of its interval."""
+    """Return the noise in the unit of the weighted residual, or its (low, high) limits."""
     if noise is None:
         problem = result.problem
         largest = max(float(np.abs(part.force * part.weight).max()) for part in problem.parts)
@@ -267,7 +269,7 @@ def _weighted(result: Identification) -> bool:
 
 
 def posterior_as_dict(posterior: Posterior) -> dict[str, Any]:
-    """Return the posterior as JSON-ready data in SI."""
+    """Return a summary of the posterior as JSON-ready data in SI units."""
     chains, draws, _ = posterior.samples.shape
     return {
         "chains": chains,
@@ -290,19 +292,19 @@ def posterior_warnings(posterior: Posterior, rmse: float) -> tuple[str, ...]:
     if not posterior.converged:
         found.append(
             f"The posterior chains did not converge: R-hat is {posterior.r_hat:.3f} (must be at most "
-            f"{R_HAT}), the effective size {posterior.effective_size:.0f} (must be at least "
+            f"{R_HAT}), and the effective size is {posterior.effective_size:.0f} (must be at least "
             f"{EFFECTIVE:.0f}). Use more draws (sample(draws=...)), or fix parameters that the readings "
             "do not determine."
         )
     divergent = float(posterior.divergent.mean())
     if divergent > 0.01:
         found.append(
-            f"{100 * divergent:.1f} % of the posterior trajectories diverged: the draws miss part of the "
-            "posterior."
+            f"{100 * divergent:.1f} % of the posterior trajectories diverged, so the draws miss part of "
+            "the posterior."
         )
     if posterior.noise is not None and rmse > 1.5 * posterior.noise:
         found.append(
-            f"The scatter of the readings about the model is {rmse / posterior.noise:.2g} times the given "
-            "noise: the posterior is too narrow by this factor. Give a larger noise."
+            f"The scatter of the readings about the model is {rmse / posterior.noise:.2g} times the stated "
+            "noise, so the posterior is too narrow by this factor. State a larger noise."
         )
     return tuple(found)

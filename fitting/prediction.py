@@ -53,26 +53,27 @@ def predict(
         length: active lengths [m] as measured by the rig used for the fit, > 0.
         pressure: gauge pressures [Pa], >= 0; may be empty with `onset`.
         onset: also return the pressure at which the force rises from zero at each length.
-        rest_length: L0 [m] of another muscle of the same series, see `famjax.cut_to_length`; None for
+        rest_length: L0 [m] of another muscle in the same series, see `famjax.cut_to_length`; None for
             the fitted muscle.
 
     Returns:
         Rows with `length_m, pressure_Pa, force_N, model_force_N, slack, inside, outside`.
         `model_force_N` is the force that the rig would measure if the muscle could push, and `force_N`
-        is the same clipped at 0; `slack` is true where the model does not pull. All three are null
+        is that force clipped at 0; `slack` is true where the model does not pull. All three are null
         where the model's force is undefined, beyond the limits of the braid, and where the force outside
         the measured lengths exceeds ten times the largest reading. `inside` is true if contraction and
-        pressure (and rest length, in a series) are within the fitted data; otherwise `outside` gives the
+        pressure (and rest length, in a series) are within the fitted data; otherwise `outside` states the
         reason.
         `force_std_N` is the standard deviation of a reading about the model's force. The interval from
         `low_95_N` to `high_95_N` contains 95 % of the readings. It includes 0 where the muscle is slack,
         and where it was slack in a reading at the same or a greater length and pressure. The error is
-        null if unknown: at another rest length, it is known only for a series and for a model that was
-        chosen without a stated deadband or rig. In the latter case the force is the mean over all models
-        that the map does not rule out, see `fitting.series.accounts`. `band` names the sources of error:
-        "left out" (see `ModelError`), "bootstrap" or "linear" for the parameters, "specimens" for a
-        series, "one specimen" for another rest length, and "shared errors" if stated.
-        With `onset`, rows `length_m, onset_pressure_Pa, inside, outside` follow. The onset pressure is
+        null if it is unknown. At another rest length, it is known only for a series, and for a chosen
+        model if the user specified neither a deadband nor a rig. In the latter case the force is the mean
+        over all models that the map does not rule out, see `fitting.series.accounts`. `band`
+        names the sources of error: "left out" (see `ModelError`), "bootstrap" or "linear" for the
+        parameters, "specimens" for a series, "one specimen" for another rest length, and "shared errors"
+        if these were stated.
+        With `onset`, rows with `length_m, onset_pressure_Pa, inside, outside` follow. The onset pressure is
         null if there is no onset up to three times the highest measured pressure.
 
     Raises:
@@ -142,7 +143,7 @@ class ModelForces:
         force: force that the rig would measure if the muscle could push [N].
         std: standard deviation of a reading about the force [N].
         half: half-width of the 95 % band [N].
-        narrowest: half-width where the model is known best [N]; 0 without held-out readings.
+        narrowest: smallest half-width [N], where the model is known best; 0 without held-out readings.
         band: sources of error in the band; None if there is no band.
         outside: reason why each state is outside the fitted data, or None.
     """
@@ -208,10 +209,10 @@ def model_forces(
 def _pull(
     fit: Identification, length: Column, pressure: Column, rest_length: float | None
 ) -> tuple[Column, Column]:
-    """Return the forces in the rig, with their standard deviation from linear theory.
+    """Return the forces measured by the rig, with their standard deviation from linear theory.
 
     For a series, the force is averaged over its two rig models, and the standard deviation is that of the
-    first. For another rest length of a chosen model, both come from all models that predict other lengths.
+    first. For a chosen model at another rest length, both come from all models that predict other lengths.
     """
     of = functools.partial(pull, length=length, pressure=pressure, rest_length=rest_length)
     outlook = fit.outlook
@@ -227,13 +228,13 @@ def _pull(
 
 
 def _directions(fit: Identification) -> Float[np.ndarray, "directions numbers"]:
-    """Return the directions in which the muscle's numbers vary: stored ones, or from linear theory."""
+    """Return the stored directions in which the muscle's numbers vary, or those from linear theory."""
     known = fit.outlook.directions
     return muscle_spread(fit) if known is None else known
 
 
 def _figures(found: ModelForces, seen_slack: Bool[np.ndarray, " n"]) -> list[Row]:
-    """Return the entries of each row for a muscle that can only pull."""
+    """Return the force entries of each row, for a muscle that can only pull."""
     slack, low, high = reported(found.force, found.half, seen_slack, found.narrowest)
     columns = np.where(slack, 0.0, found.force), found.force, found.std, low, high
     names = "force_N", "model_force_N", "force_std_N", "low_95_N", "high_95_N"
@@ -250,14 +251,14 @@ def _figures(found: ModelForces, seen_slack: Bool[np.ndarray, " n"]) -> list[Row
 def reported(
     model_force: Column, half: Column, seen_slack: Bool[np.ndarray, " n"], narrowest: float = 0.0
 ) -> tuple[Bool[np.ndarray, " n"], Column, Column]:
-    """Convert a model force, which may be negative, into the range of a reading.
+    """Convert a model force, which may be negative, to the range in which a reading is expected.
 
     Args:
         model_force: unclipped force [N].
         half: half-width of its 95 % band [N]; nan if unknown.
         seen_slack: true where a reading shows a slack muscle, see `seen_slack`.
-        narrowest: half-width where the model is known best [N], see `ModelError.narrowest`; the upper end
-            is at least this.
+        narrowest: smallest half-width [N], see `ModelError.narrowest`; the upper end of the band is at
+            least this large.
 
     Returns:
         (true where the model does not pull; lower end of the 95 % band [N], >= 0, and 0 wherever the
@@ -276,7 +277,7 @@ def seen_slack(fit: Identification, length: Column, pressure: Column) -> Bool[np
 
     Args:
         fit: a fit with its readings.
-        length: active lengths [m] of the measured muscle.
+        length: active lengths [m] of the muscle that was measured.
         pressure: gauge pressures [Pa].
     """
     L, P, pulls = fit.data.length, fit.data.pressure, ~fit.data.slack
@@ -289,7 +290,7 @@ def seen_slack(fit: Identification, length: Column, pressure: Column) -> Bool[np
 
 @quick_jit
 def _limits(muscle: famjax.AbstractMuscle) -> tuple[Any, Any, Any]:
-    """Return the lengths [m] of `Reach`: of the lock, of straight threads, and of a closed bore."""
+    """Return the lengths [m] at which the braid locks, the threads are straight, and the bore closes."""
     lock = thread_length = math.nan
     if isinstance(muscle, famjax.Muscle):
         lock, thread_length = muscle.geometry.braid_limits()
@@ -305,8 +306,8 @@ class Reach:
         lengths: shortest and longest active length [m], scaled to the requested muscle.
         pressures: lowest and highest gauge pressure [Pa].
         rest_length: rest length of the requested muscle [m].
-        rest_lengths: shortest and longest rest length [m] of the specimens, or the tested range about a
-            single specimen.
+        rest_lengths: shortest and longest rest length [m] of the specimens, or the tested range around
+            a single specimen.
         whose: description of `rest_lengths`.
         lock: active length [m] at the neutral angle; nan without a braid.
         thread_length: active length [m] at which the unloaded threads are straight; nan without a braid.
@@ -369,7 +370,7 @@ class Reach:
             (not measured, False, ("the length is outside the measured range, ", *lengths)),
             (not self.rest_lengths[0] <= self.rest_length <= self.rest_lengths[1], False,
              (f"the rest length is outside {self.whose}, ", *rests)),
-            (not known, True, ("the force or onset pressure is undefined there",)),
+            (not known, True, ("the force or onset pressure is undefined at this state",)),
             (not self.pressures[0] <= pressure <= self.pressures[1], False,
              ("the pressure is outside the measured range, ", *_range(self.pressures, "pressure"))),
         )  # fmt: skip
@@ -386,7 +387,7 @@ def _range(ends: tuple[float, float], kind: str) -> tuple[Quantity, str, Quantit
 def _inverse(
     fit: Identification, force: Any, length: np.ndarray, highest: float, rest_length: float | None
 ) -> Any:
-    """Return the lowest pressures that give these forces, see `famjax.control.pressure_for_force`."""
+    """Return the lowest pressures that produce these forces, see `famjax.control.pressure_for_force`."""
     members, weights = [fit.mounted, *fit.outlook.others], fit.outlook.weights
     if rest_length is not None:
         if fit.outlook.other_lengths:
@@ -422,17 +423,15 @@ def pressures_for(
 
     Returns:
         Rows with `length_m, force_N, pressure_Pa, inside, outside`. The pressure is the lowest one, up
-        to the highest measured pressure, that gives the force; null if there is none. For zero force it
-        is the highest pressure at which the muscle is slack. `inside` is true if contraction and pressure
-        are within the fitted data; otherwise `outside` gives the reason.
+        to the highest measured pressure, that produces the force; null if there is none. For zero force
+        it is the highest pressure at which the muscle is slack. `inside` is true if contraction and
+        pressure are within the fitted data; otherwise `outside` states the reason.
 
     Raises:
         InputError: a length or force is impossible.
     """
     if not (length.size and force.size):
-        raise InputError(
-            "finding a pressure requires a length and a force: give at least one of each"
-        )
+        raise InputError("finding a pressure requires at least one length and at least one force")
     _check_lengths(length)
     if not (np.isfinite(force).all() and (force >= 0).all()):
         raise InputError(
@@ -467,9 +466,9 @@ def predict_history(fit: Identification, history: History) -> list[Row]:
 
     Returns:
         One row for each reading, as from `predict`, with `time_s` if there are times. `static_force_N` is
-        the force of the static map, and `hysteresis_N` the difference between the branch and that force.
-        `model_force_N` is the unclipped sum, and `force_N` the sum clipped at 0. The error band of the
-        static map is widened by the error of the branches; `inside` refers to the static map.
+        the force of the static map, and `hysteresis_N` is the force on the branch minus the static force.
+        `model_force_N` is the unclipped sum of the two, and `force_N` is that sum clipped at 0. The error
+        band of the static map is widened by the error of the branches; `inside` refers to the static map.
 
     Raises:
         InputError: the fit has no hysteresis model.

@@ -1,4 +1,4 @@
-"""Data structures of a fit: force maps with their families, weights, bounds, priors and constraint.
+"""Data structures for a fit: force maps with their families, weights, bounds, priors and constraint.
 
 `fitting.identify` finds the optimum of a `Problem`. `PureProblem` is the same problem in pure JAX, with the
 same linear models and convex core. It is used to sample posteriors, and by scripts that differentiate
@@ -34,11 +34,11 @@ _HELD = 1e-9  # of the box: a parameter this near to a bound is on it
 
 @dataclasses.dataclass(frozen=True)
 class Prior:
-    """Prior knowledge beyond the data: direction . parameters = mean +- std.
+    """Prior knowledge in addition to the data: direction . parameters = mean +- std.
 
     Attributes:
-        direction: direction in the nonlinear parameters, shape (q,), or in the coefficients, shape (n,);
-            a unit vector for a prior on one of them.
+        direction: direction in the space of the nonlinear parameters, shape (q,), or of the coefficients,
+            shape (n,); a unit vector for a prior on a single one.
         mean, std: mean and standard deviation in SI.
     """
 
@@ -52,9 +52,11 @@ class Within(eqx.Module):
 
     Attributes:
         family: the larger family; fixing some of its numbers gives the family of the part.
-        to_p: matrix of zeros and ones from the part's nonlinear parameters to all, shape (whole, q).
-        held: values of the nonlinear parameters that the part keeps fixed; 0 for its own, shape (whole,).
-        to_x: the same matrix for the coefficients, shape (all, n); the other coefficients are 0.
+        to_p: matrix of zeros and ones that maps the part's nonlinear parameters to those of the larger
+            family, shape (whole, q).
+        held: values of the larger family's nonlinear parameters that the part keeps fixed; 0 for the
+            part's own parameters, shape (whole,).
+        to_x: the corresponding matrix for the coefficients, shape (all, n); the other coefficients are 0.
     """
 
     family: MuscleFamily
@@ -64,7 +66,7 @@ class Within(eqx.Module):
 
 
 LONG, SPREAD = 256, 128
-"""Readings above which a map is treated as long, and how many represent it in searches."""
+"""Number of readings above which a map counts as long, and number that represents it in searches."""
 
 
 class Part(eqx.Module):
@@ -73,7 +75,7 @@ class Part(eqx.Module):
     Attributes:
         name: name of the specimen.
         family: family of models.
-        inputs: readings and paths; slack readings have no weight.
+        inputs: readings and paths; slack and saturated readings are included only in a censored fit.
         force: measured force [N], shape (points,).
         weight: weights of the readings, 1/std or 1, shape (points,).
         at: indices of the part's nonlinear parameters in the problem's vector.
@@ -96,7 +98,7 @@ class Part(eqx.Module):
 
     @property
     def coefficients(self) -> Int[np.ndarray, " n"]:
-        """Indices of the part's coefficients in the problem's vector: all parts share them."""
+        """Indices of the part's coefficients in the problem's vector; all parts share the coefficients."""
         return np.arange(len(self.family.linear))
 
     @property
@@ -106,11 +108,11 @@ class Part(eqx.Module):
         return tuple(places[name] for name in RIG if name in places)
 
     def with_stations(self, stations: Float[np.ndarray, "paths stations"]) -> "Part":
-        """Return the part with other constraint stations; this does not cause a recompilation."""
+        """Return the part with different constraint stations; this does not cause a recompilation."""
         return dataclasses.replace(self, inputs=dataclasses.replace(self.inputs, stations=stations))
 
     def thinned(self) -> "Part":
-        """Thin out a long part: keep one random reading from each block of neighbours in length."""
+        """Thin out a long part by keeping one random reading from each block of neighbouring lengths."""
         if self.force.size <= LONG:
             return self
         order = np.lexsort((self.levels["pressure"], self.levels["length"]))
@@ -136,14 +138,14 @@ class Part(eqx.Module):
 
 @dataclasses.dataclass(frozen=True)
 class Problem:
-    """Force maps with unknowns, bounds, priors and constraint.
+    """Force maps with their unknowns, bounds, priors and constraint.
 
     Attributes:
         parts: one for each force map.
-        names: names of the nonlinear parameters, q of them.
-        low, high: their bounds [SI], shape (q,).
-        linear: names of the coefficients, which all parts share, n of them.
-        coefficient_min, coefficient_max: their bounds, shape (n,); infinite if there are none.
+        names: names of the q nonlinear parameters.
+        low, high: bounds of the nonlinear parameters [SI], shape (q,).
+        linear: names of the n coefficients, which all parts share.
+        coefficient_min, coefficient_max: bounds of the coefficients, shape (n,); infinite if there is none.
         priors: priors on nonlinear parameters.
         coefficient_priors: priors on coefficients.
         noise: standard deviation of a weighted force reading, used to weight priors.
@@ -213,7 +215,7 @@ class Problem:
     def with_readings(
         self, *, force: np.ndarray | None = None, factor: np.ndarray | None = None
     ) -> "Problem":
-        """Return the problem with other forces [N] or with factors on the weights."""
+        """Return the problem with different forces [N], or with its weights multiplied by factors."""
         force = self.force if force is None else force
         weight = self.weight if factor is None else self.weight * factor
         parts = tuple(
@@ -314,7 +316,7 @@ class PureProblem(eqx.Module):
         if force.shape != (count,):
             raise InputError(
                 f"the fit has {count} readings, so force must have the shape ({count},), got "
-                f"{force.shape}: give the loaded readings, data.force[data.loaded]"
+                f"{force.shape}: pass the loaded readings, data.force[data.loaded]"
             )
         for part in self.parts:
             yield part, slice(first, first := first + part.weight.shape[0])

@@ -1,11 +1,12 @@
 """Compiled programs of the engine: the linear model, and the convex fit with its Jacobian.
 
-There is one linear model for each structure of a family, and one convex fit for each size. Readings,
+One linear model is compiled for each structure of a family, and one convex fit for each size. Readings,
 weights, bounds, specimens and priors are arguments, padded to sizes that many maps share.
 
-JAX's cache stores compiled programs but not traces, and tracing takes longer than a fit. So if that cache
-is on, whole executables are stored beside it. Their key contains the sources of famjax and fitting, the
-machine, the version of JAX, the name and the shapes. An unreadable file is compiled again.
+JAX's cache stores compiled programs but not traces, and tracing takes longer than a fit. If that cache is
+enabled, whole executables are therefore stored next to it. The key of an executable depends on the sources
+of famjax and fitting, the machine, the version of JAX, and the name and array shapes of the function. If a
+stored file cannot be read, the function is compiled again.
 """
 
 import contextlib
@@ -35,14 +36,14 @@ from .response import Constraint, Linear, MapInputs, Report, linear_response, re
 def kept(
     function: Callable[..., Any], name: str, like: Any, options: Options | None = None
 ) -> Callable[..., Any]:
-    """Compile a function; processes share the executable.
+    """Compile a function, and share the executable between processes.
 
     Args:
         function: function from pytrees of arrays to a pytree of arrays.
-        name: key of its executable. Different functions need different names, and none may run code
-            from outside famjax and fitting.
+        name: key of the executable. Different functions need different names, and the function must not
+            run code from outside famjax and fitting.
         like: pytree with the structure of the result.
-        options: compiler options; those of a program that runs often if omitted.
+        options: compiler options; default: those for a program that runs often.
 
     Returns:
         A function equivalent to `jax.jit(function)`, but not differentiable.
@@ -121,11 +122,11 @@ MEMBERS = 16
 
 
 DIRECTIONS = 7
-"""Most free parameters of an automatically chosen family; a program differentiates along each."""
+"""Largest number of free parameters in an automatically chosen family; a program differentiates by each."""
 
 
 class Sizes(NamedTuple):
-    """Padded sizes of a problem; rows along paths, and the number of other rows of the least squares."""
+    """Padded sizes of a problem: `rows` counts rows along paths, `others` further least-squares rows."""
 
     readings: int
     rows: int
@@ -173,7 +174,7 @@ class Form(NamedTuple):
 
     @property
     def own_code(self) -> bool:
-        """False if a user's class takes part: its name does not identify its code."""
+        """False if a user-defined class is involved, because its name does not identify its code."""
         nodes, kinds = [self.treedef], set()
         while nodes:
             node = nodes.pop()
@@ -193,7 +194,7 @@ class Form(NamedTuple):
 
 
 def form_of(part: Part, size: int) -> tuple[Form, list[np.ndarray]]:
-    """Return the form and arrays of a part, in its larger family if any, padded to a number of readings."""
+    """Return the form and arrays of a part (of its larger family, if any), padded to `size` readings."""
     family = part.family if part.within is None else part.within.family
     leaves, treedef = jax.tree.flatten((family, _padded(part.inputs, size)))
     arrays = [np.asarray(leaf) for leaf in leaves if eqx.is_array_like(leaf)]
@@ -265,7 +266,7 @@ class Layout:
     def spread(
         self, values: Shaped[np.ndarray, "*b points"], missing: float | None = None
     ) -> Shaped[np.ndarray, "*b readings"]:
-        """Put values at the padded positions of the readings; fill with `missing` or the last value."""
+        """Put values at the padded positions of readings; fill gaps with `missing` or the last value."""
         known = np.zeros(self.sizes.readings, bool)
         known[self.readings] = True
         last = np.maximum.accumulate(np.where(known, np.arange(known.size), 0))
@@ -290,9 +291,9 @@ def linear_of(
         groups: groups of parts.
         constraint: constraint on the coefficients.
         p: parameters of the problem.
-        moves: directions.
+        moves: directions in the space of the parameters.
         x0: coefficients of the problem.
-        readings: length [m], pressure [Pa] and force reached [N], each of shape (readings,).
+        readings: length [m], pressure [Pa] and current model force [N], each of shape (readings,).
     """
     values, slopes, first = [], [], 0
     for form, group in zip(forms, groups, strict=True):
@@ -447,7 +448,7 @@ def projected(linear: Linear, slopes: Linear, of: Weighing) -> Projected:
 
 @functools.cache
 def projected_program() -> Any:
-    """Compile the convex fit with its Jacobian for several fits; all structures share it."""
+    """Compile the convex fit with its Jacobian for several fits at once; all structures share it."""
     one, number = np.zeros(1), np.zeros(())
     optimum = Optimum(one, one, one > 0, number, number, number, number, np.zeros((), int))
     like = Projected(optimum, *range(len(Projected._fields) - 1))

@@ -1,4 +1,4 @@
-"""Compare candidate families: fit each to the map, and rank them by held-out error."""
+"""Compare candidate families by fitting each to the force map and ranking them by held-out error."""
 
 import dataclasses
 import math
@@ -23,7 +23,7 @@ _PROMISE = 1e-7  # relative to the cost: keeps five digits of the full descents
 
 
 def posed_of(data: ForceData, candidate: Candidate, constraint: str) -> Posed:
-    """Set up the fit of a candidate family.
+    """Set up the fit of a candidate family to a map.
 
     Raises:
         InputError: the map does not support this family.
@@ -35,10 +35,10 @@ def posed_of(data: ForceData, candidate: Candidate, constraint: str) -> Posed:
 
 
 def descended(posed: Posed, starts: int, seed: int) -> End:
-    """Return the best result of a few descents, to a tolerance sufficient for comparison.
+    """Return the best end point of a few descents, with a tolerance that is sufficient for comparison.
 
     Raises:
-        InputError: no start leads to a finite force at every reading.
+        InputError: from every start, the force is undefined (nan) at some reading.
     """
     return best_of(_descents([posed.problem.thinned()], [posed.starts(starts, seed)])[0])
 
@@ -60,13 +60,13 @@ def _descents(
 
 @dataclasses.dataclass(frozen=True)
 class Fitted:
-    """A family fitted to a map; to part of the readings if the map is long.
+    """A family fitted to a map, or to a sample of its readings if the map is long.
 
     Attributes:
         candidate: the family.
-        posed: the fit to all readings.
-        problem: the fit that was solved.
-        ends: end points of its descents in the unit box, best first.
+        posed: setup of the fit to all readings.
+        problem: problem that was solved; for a long map, it contains only a sample of the readings.
+        ends: end points of the descents in the unit box, best first.
         mounted: the muscle in its rig.
         residuals: in-sample residuals, model minus reading [N].
     """
@@ -92,15 +92,15 @@ def fitted(
     candidates: Sequence[Candidate],
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Fitted | str]:
-    """Fit all candidate families in one batch. A long map is represented by a part of its readings.
+    """Fit all candidate families in one batch. A long map is represented by a sample of its readings.
 
     Args:
-        data: the map.
+        data: the force map.
         constraint: constraint on the coefficients.
         starts: number of starts per family.
         seed: random seed for the starts.
         candidates: the families.
-        progress: callback with (descents done, total).
+        progress: called with (descents done, total).
 
     Returns:
         One item per candidate: the fit, or the reason why the map does not support the family.
@@ -128,7 +128,7 @@ def _fitted(candidate: Candidate, posed: Posed, problem: Problem, ends: list[End
     except InputError as error:
         return str(error)
     if candidate.rig and _rig_of_the_bounds(problem, end):
-        return "In the best fit, the rig is rigid or as compliant as the bounds allow."
+        return "In the best fit, the rig is rigid, or as compliant as its bounds allow."
     order = np.argsort([one.cost for one in ends])
     return Fitted(
         candidate, posed, problem, np.stack([ends[k].u for k in order]),
@@ -142,9 +142,9 @@ def left_out_of(
 ) -> list[dict[str, LeftOut] | None]:
     """Cross-validate families by leaving out single lengths and groups of neighbouring pressures.
 
-    The result is None for a family whose force is not finite at a held-out reading. It is also None for a
-    compliant rig if the map has too few lengths to leave one out, since only a held-out length can
-    distinguish it from a soft bladder.
+    The result is None for a family whose force is undefined (nan) at a held-out reading. It is also None
+    for a family with a compliant rig if the map has too few lengths to leave one out, because only a
+    held-out length can distinguish a compliant rig from a soft bladder.
     """
     problem = families[0].problem
     lengths = np.unique(problem.levels("length")).size >= FEWEST_LENGTHS
@@ -164,7 +164,7 @@ def left_out_of(
 
 
 def _rig_of_the_bounds(problem: Problem, end: End) -> bool:
-    """Return True if bounds, not readings, determine a rig that deflects by a power of the force."""
+    """Return True if the rig deflects by a power of the force and only its bounds determine it."""
     at = {problem.names[place]: u for place, u in zip(problem.free, end.u, strict=True)}
     exponent, compliance = at.get("series_exponent", 1.0), at.get("series_compliance", 1.0)
     return bool("series_exponent" in at and (exponent == 0 or compliance in (0.0, 1.0)))
@@ -173,9 +173,9 @@ def _rig_of_the_bounds(problem: Problem, end: End) -> bool:
 ALIKE = 1.5
 """Families whose in-sample RMSE is within this factor of the smallest are said to fit equally well."""
 NEAR = 1.1
-"""Held-out errors within this factor count as indistinguishable, and the output says so."""
+"""Held-out errors within this factor of each other count as equal, and the output says so."""
 LITTLE_MORE = 2.0
-"""A family with a certified optimum is preferred up to this ratio of held-out errors."""
+"""Largest ratio of held-out errors at which a family with a certified optimum is still preferred."""
 _NOISE = 1e-3  # relative to the largest force; smaller errors count as equal
 
 
@@ -186,7 +186,7 @@ class Tried:
     Attributes:
         candidate: the family.
         rmse: in-sample RMSE [N].
-        left_out: cross-validation errors by held-out kind, "pressure", "length" or "specimen".
+        left_out: cross-validation errors, keyed by what is left out: "pressure", "length" or "specimen".
         held_out: held-out error [N] used for ranking, see `held_out_error`.
         alike: True if the in-sample RMSE is within a factor `ALIKE` of the smallest.
     """
@@ -207,7 +207,7 @@ def held_out_error(left_out: Mapping[str, LeftOut], rmse: float, max_force: floa
     """Return the geometric mean [N] of the errors in `columns_of`, or the in-sample RMSE if there are none.
 
     Args:
-        left_out: cross-validation errors by kind.
+        left_out: cross-validation errors, keyed as in `Tried`.
         rmse: in-sample RMSE [N].
         max_force: largest measured force [N]; errors below 0.1 % of it count as equal.
     """
@@ -218,7 +218,7 @@ def held_out_error(left_out: Mapping[str, LeftOut], rmse: float, max_force: floa
 def ranked(
     families: Sequence[tuple[Candidate, float, Mapping[str, LeftOut] | None]], max_force: float
 ) -> tuple[Tried, ...]:
-    """Compute the held-out error of each family and keep the given order.
+    """Compute the held-out error of each family, and return the families in the given order.
 
     Args:
         families: tuples of the family, its in-sample RMSE [N], and its cross-validation errors, or

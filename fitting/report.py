@@ -62,7 +62,7 @@ class PageTable:
 
 
 def page(template: str, package: str = "fitting", **values: object) -> str:
-    """Render a template that extends `page.html`.
+    """Render a template, which usually extends `page.html`.
 
     Args:
         template: name of a file in the `templates` folder of the package.
@@ -77,7 +77,7 @@ def inline_svg(file: str, name: str, description: str) -> Markup:
 
     Args:
         file: text of the SVG file.
-        name: prefix that makes its ids unique on the page.
+        name: prefix that makes the ids in the image unique on the page.
         description: alternative text.
     """
     drawn = _SVG_ID.sub(rf"\g<1>{name}-", file[file.index("<svg") :])
@@ -100,14 +100,14 @@ _SINGLE = 500  # largest number of readings drawn as vectors; more are rasterise
 
 
 def plot_fit(result: Identification, system: str = "metric") -> Figure:
-    """Plot isobars, residuals and material law of an identification.
+    """Plot the isobars, the residuals and the bladder law of an identification.
 
     Args:
         result: result of `identify`.
         system: "si", "metric" or "us".
 
     Returns:
-        The figure, not shown; save it with `savefig`.
+        The figure, which is not displayed; save it with `savefig`.
     """
     check_identified(result)
     figure, units, errors = Figure(figsize=(11, 6.2)), unit_system(system), result.errors
@@ -238,7 +238,7 @@ def plot_profiles(pictures: PictureFit, system: str = "metric") -> Figure:
 def law_stress(
     material: famjax.materials.AbstractMaterial, strain: famjax.Real, pressure: famjax.Real
 ) -> Float[Array, "pressures strains"]:
-    """Return the stress [Pa] in a tensile test, or in one direction if the law does not couple the two."""
+    """Return the stress [Pa] in a tensile test, or along one axis if the law does not couple the axes."""
     tensile = getattr(material, "uniaxial_stress", None)
     if tensile is not None:
         return tensile(strain)[None]
@@ -256,7 +256,7 @@ _TAKES_PART = {
 
 
 def described(part: object) -> str:
-    """Return the docstring of a class up to its attributes, or its name if there is none."""
+    """Return the docstring of a part's class up to the attributes; without a docstring, the class name."""
     name, text = type(part).__name__, inspect.cleandoc(type(part).__doc__ or "")
     found = re.split("Attributes:|>>>", text)[0]
     generated = found.startswith(f"{name}(")  # the default docstring of a dataclass
@@ -264,7 +264,7 @@ def described(part: object) -> str:
 
 
 def in_words(result: Identification) -> str:
-    """Describe the model of a fit in one line: law, geometry and extras."""
+    """Describe the model of a fit in one line: law, geometry and additional effects."""
     muscle = result.muscle
     if not isinstance(muscle, famjax.Muscle):
         return f"{result.law.name} law, with the shape computed from mechanics between two end-fittings"
@@ -284,7 +284,7 @@ def in_words(result: Identification) -> str:
 def rounded(value: float, error: float, unit: str, kind: str) -> tuple[str, str]:
     """Format a value and its standard error, both in SI, so that the error has two digits.
 
-    The error is "" if it is unknown or zero; the value then has five digits.
+    If the error is unknown or zero, it is returned as "" and the value has five digits.
 
     >>> rounded(4639.8, 64.2, "N", "force"), rounded(0.027335, 8.7e-5, "mm", "length")
     (('4640', '64'), ('27.335', '0.087'))
@@ -323,7 +323,7 @@ class Findings:
     Attributes:
         result: result of `identify`, or the chosen fit of a choice.
         evidence: validation and uncertainty.
-        choice: choice from which the result comes, if any.
+        choice: the `Choice` that produced the result, if any.
         judgement: the verdict; None to derive it from the fit.
     """
 
@@ -346,13 +346,13 @@ class Findings:
         told = [f"{judged.level.capitalize()}.", *judged.reasons[:2], judged.unchecked]
         model = in_words(result)
         if self.choice is not None:
-            model += f"; chosen from {len(self.choice.tried)} by cross-validation"
+            model += f"; chosen from {len(self.choice.tried)} models by cross-validation"
 
         def force(value: float) -> str:
             return Quantity(value, "force", 3).in_units(system)
 
         columns = columns_of(self.evidence.left_out)
-        held_out = [f"{force(columns[one])} on {one}s" for one in sorted(columns, reverse=True)]
+        held_out = [f"{force(columns[one])} for {one}s" for one in sorted(columns, reverse=True)]
         error = f"{force(errors.rmse)} ({errors.rmse_percent:.3g} % of the largest force) in sample"
         error += "; held out: " * bool(held_out) + ", ".join(held_out)
         values = []
@@ -369,9 +369,9 @@ class Findings:
         ]
 
     def _not_separable(self) -> str:
-        """Name the pairs of parameters that the data determine only together."""
+        """Name the pairs of parameters that the data determine only in combination."""
         if not np.isfinite(self.result.certificate.condition):
-            return "the parameters: these data do not determine each of them separately."
+            return "some parameters: these data do not determine every parameter separately."
         names, matrix = correlations(self.result)
         size = np.abs(np.tril(matrix, -1))
         told = [f"{names[j]}, {names[i]}" for i, j in np.argwhere(size > _ALONE)]
@@ -402,9 +402,7 @@ class Findings:
             for what, value, spread, kind in rows[:5]
         ]
         at = Quantity(level, "pressure").in_units(system)
-        title = (
-            f"The muscle in five numbers, with standard errors. Force and contraction are at {at}."
-        )
+        title = f"The muscle in five numbers, with standard errors. Force and contraction apply at {at}."
         return title, ("quantity", "value", "std. error", "unit"), text
 
     def model(self, system: str) -> list[str]:
@@ -416,8 +414,8 @@ class Findings:
             told = [
                 "F = dPi/dL, where Pi(L, P) is the minimum of the strain energy minus (P - P_d) V over all "
                 "shapes r(Z) between the fittings. The shape is stable at every loaded reading "
-                f"(smallest stiffness {certificate.shape_margin / 1e3:.3g} N/mm). The force is not "
-                "linear in the law, so the optimum is the best one found and has no certificate."
+                f"(smallest stiffness {certificate.shape_margin / 1e3:.3g} N/mm). The force is not linear "
+                "in the law's parameters, so the optimum is the best one found and has no certificate."
             ]
             told += [] if result.pictures is None else [result.pictures.summary()]
         else:
@@ -487,10 +485,11 @@ _GRID = 41, 25
 
 
 def live(result: Identification, system: str) -> dict[str, Any]:
-    """Evaluate a muscle at every slider position on a page, formatted as `famjax predict` prints it.
+    """Evaluate a muscle at every slider position on a page, with numbers formatted as by `famjax predict`.
 
     Returns:
-        `units` of length, pressure and force, and `json`: all values and the outline of the muscle.
+        A dict with `units` (of length, pressure and force) and `json` (all values, and the outline of the
+        muscle).
     """
     units, data, rest = unit_system(system), result.data, result.data.specimen.rest_length
     used = {kind: units[kind] for kind in ("length", "pressure", "force")}
@@ -551,7 +550,7 @@ def html_report(
     figure: Figure | None = None,
     origin: Origin | None = None,
 ) -> str:
-    """Return the report as one self-contained HTML page; pass `figure` from `plot_fit` to reuse it."""
+    """Return the report as one self-contained HTML page; an existing `figure` from `plot_fit` is reused."""
     result, profiles = found.result, None
     drawn = as_svg(plot_fit(result, system) if figure is None else figure)
     if result.pictures is not None:
@@ -590,7 +589,7 @@ def write_fit(
         system: units of figure and report; `fit.json` is in SI.
         evidence: validation and uncertainty, if available.
         origin: date and command to record in the file and the report.
-        choice: choice from which the result comes, if any.
+        choice: the `Choice` that produced the result, if any.
         judgement: the verdict; default: derived from the fit.
         problem: problem description from which `famjax assess` repeats the fit.
 

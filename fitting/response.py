@@ -23,7 +23,7 @@ import famjax
 from .convex import AnyArray
 
 Values = Mapping[str, Any]
-"""Numbers [SI] by name."""
+"""Numbers [SI], keyed by name."""
 
 RIG = ("series_compliance", "series_exponent")
 """Parameters of the rig, not of the model: compliance and exponent in `famjax.muscle.give_way`."""
@@ -32,13 +32,13 @@ RIG = ("series_compliance", "series_exponent")
 class MuscleFamily(eqx.Module):
     """Models of one specimen as a function of named numbers.
 
-    Its arrays may differ between specimens without a recompilation; its static fields (names, classes)
-    may not.
+    A change in its arrays, as from one specimen to another, requires no recompilation; a change in its
+    static fields (names, classes) does.
 
     Attributes:
         nonlinear: names of the searched numbers, in order.
         linear: names of the coefficients, in which the force is affine, in order.
-        source: builds the geometry and the muscle, see `fitting.families.AbstractGeometrySource`.
+        source: builder of geometry and muscle, see `fitting.families.AbstractGeometrySource`.
         law: bladder law; None for a model that is not a muscle with a bladder.
         rest: rest length L0 [m] of the specimen, at which every path starts.
         terms: further force terms, or None.
@@ -100,7 +100,7 @@ class MapInputs(eqx.Module):
 
 
 class Linear(NamedTuple):
-    """Linear model of one part at a point; its derivatives with respect to parameters have the same form.
+    """Linear model of one part at a point; derivatives with respect to parameters have the same structure.
 
     Attributes:
         force: force [N] with all coefficients zero, shape (points,).
@@ -116,7 +116,7 @@ class Linear(NamedTuple):
 
 
 class Report(NamedTuple):
-    """Quantities of a fit for the report.
+    """Quantities of a fit that the report needs.
 
     Attributes:
         numbers: all numbers of the model, shape (l,).
@@ -214,7 +214,7 @@ def report(
 def _placed(
     family: MuscleFamily, at: MapInputs, p: Float[Array, " q"], reached: Float[Array, " points"]
 ) -> tuple[dict[str, Array], tuple | None, Float[Array, " points"], tuple[Array, Array]]:
-    """Return searched numbers, rig, lengths corrected for the rig, and rest length and ends of paths."""
+    """Return searched numbers, rig, lengths of the muscle alone, and rest length and ends of the paths."""
     searched = dict(zip(family.nonlinear, p, strict=True))
     length, end = jnp.asarray(at.length), jnp.asarray(at.path_end)
     rig, compliance = None, searched.get("series_compliance")
@@ -244,8 +244,8 @@ def force_and_constraint(
         constraint: constraint on the coefficients.
         at: readings and paths.
         p: values of `family.nonlinear`.
-        x: coefficients. The force in a compliant rig is found by two Newton steps from `at.force`: at
-            the solution, they give exact first and second derivatives.
+        x: coefficients. The force in a compliant rig is found by two Newton steps from `at.force`, which
+            yield exact first and second derivatives at the solution.
     """
     force = jnp.asarray(at.force)
     searched, rig, length, paths = _placed(family, at, p, force)

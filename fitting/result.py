@@ -42,7 +42,7 @@ class Estimate:
         min, max: bounds in SI; infinite if there are none.
         at_bound: true if the optimum is at a bound, and the data alone would place it beyond the bound.
         fixed: true if held at a given value.
-        kind: kind of unit.
+        kind: type of unit, such as "length" or "pressure".
         prior: (mean, standard deviation) of the prior in SI, or None.
     """
 
@@ -86,16 +86,17 @@ class Certificate:
 
     Attributes:
         kkt_residual: residual of the convex fit of the coefficients, relative to the data.
-        duality_gap: gap of the convex fit relative to its objective; 0 means globally optimal.
+        duality_gap: duality gap of the convex fit relative to its objective; 0 means globally optimal.
         gradient_residual: largest cosine between the residual and a free direction of the geometry.
         condition: condition number of the scaled Jacobian of all free parameters.
         stability_margin: smallest modulus along any actuation path [Pa], including between stations;
             Drucker-stable when >= 0.
-        constraint_margin: smallest slack [Pa] of the requested constraint; nan without one.
+        constraint_margin: smallest slack [Pa] of the requested constraint; nan if none was requested.
         n_starts: number of descents.
         n_agreeing: number of descents within 1e-6 of the best objective.
-        shape_margin: smallest stiffness [N/m] of an equilibrium shape at the loaded readings; each shape
-            is stable when > 0, and the optimum is only local. nan for other shapes.
+        shape_margin: smallest stiffness [N/m] of the equilibrium shapes at the loaded readings; all shapes
+            are stable if it is > 0, and the optimum is only local. nan for a shape not computed from
+            mechanics.
     """
 
     kkt_residual: float
@@ -111,7 +112,7 @@ class Certificate:
 
 @dataclasses.dataclass(frozen=True)
 class Solved:
-    """The problem with its stations, and the end of the best descent."""
+    """The problem with its stations, and the end point of the best descent."""
 
     problem: Problem
     end: End
@@ -123,18 +124,20 @@ class Outlook:
 
     Attributes:
         error: prediction error, a `fitting.bands.ModelError`, or None without held-out readings.
-        directions: directions in which the muscle's numbers vary, see `muscle_spread`; None if they are
-            to be computed by linear theory.
+        directions: directions in which the muscle's numbers vary, see `muscle_spread`; None to compute
+            them by linear theory.
         bootstrap: true if the directions come from bootstrap replicates.
         shared: directions of errors shared by all readings.
-        others: further mounted muscles; a prediction is the weighted mean of all.
-        weights: weights of the muscle and the others.
-        alike: mounted muscles, by family, that fit the readings equally well; the band includes their
-            disagreement.
-        other_lengths: mounted muscles, by family, whose mean predicts other lengths; empty if unknown.
+        others: further mounted muscles; a prediction is the weighted mean over the muscle and these.
+        weights: weights of the muscle and of the others.
+        alike: mounted muscles, keyed by family, that fit the readings equally well; the band includes
+            their disagreement.
+        other_lengths: mounted muscles, keyed by family, whose mean predicts other lengths; empty if
+            other lengths cannot be predicted.
         between: standard deviation [N] of another specimen about that mean.
         hysteresis: hysteresis about the muscle's force, or None.
-        branches_error: RMS error [N] of the branches: the largest held-out or in-sample error.
+        branches_error: RMS error [N] of the branches: the largest held-out error or, if there is none, the
+            in-sample error.
         series: data on a series from `fit.json`.
     """
 
@@ -174,10 +177,10 @@ class Identification:
         converged: true if the best descent is stationary, certified and feasible.
         degrees_of_freedom: readings and priors of all specimens minus the free directions.
         names: names of the nonlinear parameters.
-        covariance: covariance of these and of the coefficients [SI], by linear theory; nan if held, at a
-            bound, or not identifiable.
+        covariance: covariance of the nonlinear parameters and the coefficients [SI], by linear theory; nan
+            for a parameter that is held, at a bound, or not identifiable.
         place: index of this specimen among the parts of the problem.
-        solved: problem and end of the best descent, or a function that rebuilds both from the readings.
+        solved: problem and end point of the best descent, or a function that rebuilds both.
         pictures: photographed and computed profiles, if both were fitted together.
         outlook: data for predictions.
         document: content of the `fit.json` that was read back, in SI; empty otherwise.
@@ -216,7 +219,7 @@ class Identification:
 
     @functools.cached_property
     def warnings(self) -> tuple[str, ...]:
-        """Remarks to read before using the numbers."""
+        """Remarks to read before the results are used."""
         return tuple(one.sentence for one in remarks(self))
 
     @functools.cached_property
@@ -230,7 +233,7 @@ class Identification:
 
     @property
     def end(self) -> End:
-        """End of the best descent; `end.u` are the free nonlinear parameters, scaled to their bounds."""
+        """End point of the best descent; `end.u` are the free nonlinear parameters scaled to [0, 1]."""
         return self._solved.end
 
     @property
@@ -318,11 +321,11 @@ _PLAIN_AT = {
     "deadband_pressure": "low", "end_factor": "low", "end_length": "low", "braid_compliance": "low",
     "series_compliance": "low", "series_exponent": "high",
 }  # fmt: skip
-"""Bounds at which an effect is absent; an estimate there is no reason for doubt."""
+"""Bounds at which an effect is absent; an estimate at such a bound is no reason for doubt."""
 
 
 class Remark(NamedTuple):
-    """A sentence about a fit with its severity: note (0), warning (1) or serious (2)."""
+    """A sentence about a fit, and its severity: note (0), warning (1) or serious (2)."""
 
     level: int
     sentence: str
@@ -345,20 +348,21 @@ def of_parameters(result: Identification) -> list[Remark]:
     beyond = equivalent_sizes(result)
     found: tuple[tuple[Any, int, str], ...] = (
         (beyond, 0, f"The values of {' and '.join(beyond)} describe an equivalent cylinder, which accounts "
-         "for the rounded ends and the wall. They are not dimensions of the braid, and its volume is not "
-         "that of the muscle; changes in volume are valid."),
+         "for the rounded ends and the wall. They are not dimensions of the braid. The cylinder's volume "
+         "is not that of the muscle; only its changes in volume are."),
         (result.stopped, int(doubtful), f"{', '.join(result.stopped)}: at a bound. The data alone would "
-         "place it beyond the bound, so it has no standard error; others are valid only at this value."),
+         "place the value beyond the bound, so it has no standard error; the other standard errors are "
+         "valid only for this value."),
         (not certificate.condition <= CONDITION_LIMIT, 1, "These data do not determine every parameter "
-         "separately, so there are no standard errors. Fix one of them with --bounds, or measure at "
-         "more lengths and pressures."),
+         "separately, so there are no standard errors. Fix a parameter with --bounds, or measure at more "
+         "lengths and pressures."),
         *((abs(e.value - e.prior[0]) > 2.0 * e.prior[1], 0,
-           f"{e.name} is {abs(e.value - e.prior[0]) / e.prior[1]:.1f} standard deviations away from its "
-           "prior. Either the prior is too narrow, or the parameter compensates for an error in the model.")
+           f"{e.name} is {abs(e.value - e.prior[0]) / e.prior[1]:.1f} standard deviations from the mean "
+           "of its prior. Either the prior is too narrow, or the parameter compensates for a model error.")
           for e in estimates if e.prior is not None),
         *((True, level, ridge) for level, ridge in _ridges(result)),
         (result.active_constraints, 0, "A constraint on the coefficients is active: their standard errors "
-         "are valid only along it."),
+         "are valid only for changes along this constraint."),
         (isinstance(result.muscle, famjax.Muscle) and not certificate.stability_margin
          >= -1e-9 * float(np.abs(result.coefficients).max(initial=0.0)), 1,
          Sentence("The law is NOT Drucker-stable on the actuation path (margin ",
@@ -369,7 +373,7 @@ def of_parameters(result: Identification) -> list[Remark]:
 
 
 def _plain(one: Estimate) -> bool:
-    """Return True at a bound that means a rigid rig, a cylinder or a vanishing coefficient."""
+    """Return True if the bound reached means a rigid rig, a cylinder or a zero coefficient."""
     side = "low" if one.value - one.min < one.max - one.value else "high"
     return side == _PLAIN_AT.get(one.name, "low" if one.kind == "stress" else "")
 
@@ -396,7 +400,7 @@ def _ridges(result: Identification) -> list[Remark]:
 
 
 def remarks(result: Identification) -> list[Remark]:
-    """Return the remarks to read before using the numbers, starting with assumptions about the data."""
+    """Return the remarks to read before the results are used, starting with assumptions about the data."""
     data, errors, certificate = result.data, result.errors, result.certificate
     pull, largest = errors.max_slack_force, errors.max_force
     said = (*data.notes, data.pressures.note, data.lengths.note)
@@ -407,20 +411,20 @@ def remarks(result: Identification) -> list[Remark]:
     level = 2 if pull > 0.1 * largest else int(pull > max(2 * errors.rmse, 0.01 * largest))
     outlying, count = int((~result.counted).sum()), result.counted.size
     off = Sentence(
-        f"{outlying} of {count} readings are so far off that the Huber objective gives them less than a "
-        "quarter of their weight; the RMSE of the others is ",
+        f"{outlying} of {count} readings are so far from the model that the Huber objective reduces their "
+        "weight to less than a quarter; the RMSE of the others is ",
         *(Quantity(result.counted_rmse, "force", 3), "."),
     )
     pictures = result.pictures
     missed = 0.0 if pictures is None else pictures.rmse / float(pictures.measured.mean())
     others: tuple[tuple[Any, int, str], ...] = (
         (missed > 0.03, 1, f"The computed profiles differ from the photographed ones by {missed:.0%} RMS. "
-         "Check the dimensions of braid and bladder and their bounds, or use the measured shape instead."),
+         "Check the dimensions of the braid and bladder and their bounds, or use the measured shape."),
         (outlying, 1 + (outlying > 0.25 * count), off),
         (pull > 2 * errors.rmse or level, level, slack),
         (certificate.n_agreeing < 2 < certificate.n_starts, 0,
          "Only one start reached the best fit: use more starts (starts= in Python)."),
-        (not result.converged, 2, "The fit did NOT converge: its numbers are not an optimum. Do not use "
+        (not result.converged, 2, "The fit did NOT converge: its parameters are not optimal. Do not use "
          "them; try a law with fewer coefficients (--law), or more starts (starts= in Python)."),
     )  # fmt: skip
     return [

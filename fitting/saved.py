@@ -1,4 +1,4 @@
-"""Write a fit to `fit.json`, load it again, and make a muscle card from it."""
+"""Write a fit to `fit.json`, load it again, and create a muscle card from it."""
 
 import dataclasses
 import functools
@@ -46,7 +46,7 @@ from .series import Series
 from .verdict import Judgement, judge, judge_series
 
 SCHEMA = "famjax-fit/2"
-_WANTED = "give a fit.json written by famjax fit"
+_WANTED = "choose a fit.json written by famjax fit"
 
 _ERRORS = {
     "rmse": "rmse_N", "max": "max_error_N", "max_force": "max_force_N",
@@ -58,7 +58,7 @@ _CERTIFICATE = {
     "gradient_residual": "gradient_residual", "condition": "condition", "n_starts": "n_starts",
     "n_agreeing": "n_starts_agreeing", "shape_margin": "shape_margin_N_per_m",
 }  # fmt: skip
-"""Key of each field in the file."""
+"""Key in the file for each field."""
 _PLAIN = ("strain_range", "constraint", "converged", "seed", "degrees_of_freedom")
 _ARRAYS = {
     "coefficients": "coefficients_Pa", "residuals": "residuals_N", "weights": "weights",
@@ -81,7 +81,7 @@ def load_fit(path: str | Path, *, own: Own = ()) -> Identification:
     Args:
         path: a `fit.json`.
         own: trusted modules and classes, such as `("my_rubber",)` or `(Gent,)`. A fit that names a class
-            of any other module is rejected, since importing that module would run its code.
+            from any other module is rejected, because importing that module would run its code.
 
     Returns:
         The fit. Enable float64 in JAX first, or the muscle's numbers are rounded to float32.
@@ -148,7 +148,7 @@ def _opened(document: Mapping[str, Any], own: Own) -> Solved:
     fit, asked = _identification(document, own), document["posed"]
     if asked is None:
         raise InputError(
-            "this fit cannot be restored from its file: it belongs to several specimens, or has a custom "
+            "this fit cannot be restored from its file: it is shared by several specimens, or has a custom "
             "geometry or custom terms. Repeat the identification, or use famjax assess"
         )
     geometry = EquilibriumSource(fit.data.specimen) if asked["geometry"] == _MECHANICS else None
@@ -175,7 +175,7 @@ def _opened(document: Mapping[str, Any], own: Own) -> Solved:
 
 
 def _said(one: Estimate) -> Parameter:
-    """Return the specification of a parameter in SI."""
+    """Return the bounds and prior of an estimate as user settings in SI units."""
     low, high = (end if math.isfinite(end) else None for end in (one.min, one.max))
     return Parameter(min=low, max=high, prior=one.prior, unit=si_unit(one.kind))
 
@@ -239,7 +239,7 @@ def _outlook(document: Mapping[str, Any], mounted: famjax.MountedMuscle, own: Ow
     """Restore the data for predictions.
 
     Raises:
-        ValueError: the directions do not match the number of the muscle's parameters.
+        ValueError: the directions do not have as many entries as the muscle has parameters.
     """
     averaged, spread = document["averaged_with"], document["spread"]
     weights = [float(one["weight"]) for one in averaged]
@@ -315,7 +315,7 @@ def fit_as_dict(
         result: result of `identify`.
         evidence: validation and uncertainty, if available.
         origin: date and command to record, if any.
-        choice: choice from which the result comes, if any.
+        choice: the `Choice` that produced the result, if any.
         judgement: the verdict; default: derived from the fit.
     """
     data, errors, outlook = result.data, result.errors, result.outlook
@@ -388,7 +388,7 @@ def _in_rigs(key: str, muscles: Iterable[tuple[Any, famjax.MountedMuscle]]) -> l
 
 
 def series_as_dict(series: Series, origin: Origin | None = None) -> dict[str, Any]:
-    """Return the `fit.json` of a series: that of its first specimen, with entries for the others."""
+    """Return the `fit.json` of a series: that of its first specimen, plus entries for all specimens."""
     data, others = [one.data for one in series.specimens], [one[0].mounted for one in series.others]
     judged = judge_series(series.specimens, series.left_out)
     ratios = np.concatenate([one.length / one.specimen.rest_length for one in data])
@@ -422,7 +422,7 @@ def card_of(
     fit: Identification, *, name: str | None = None, count: int = 32, seed: int = 0,
     origin: Origin | None = None,
 ) -> MuscleCard:  # fmt: skip
-    """Create the muscle card of a fitted muscle.
+    """Create the muscle card for a fitted muscle.
 
     The card's force is the force measured in the rig used for the fit; for a series, the weighted mean over
     its models.
@@ -430,12 +430,13 @@ def card_of(
     Args:
         fit: result of `load_fit` or `identify`.
         name: name of the muscle; default: that of the specimen.
-        count: number of sampled muscles, 0 for none; a fit without standard errors has none.
-        seed: random seed of the sample.
+        count: number of muscles sampled from the uncertainty; 0 for none. A fit without standard errors
+            has none.
+        seed: random seed for the sample.
         origin: date and command of the card, in addition to those of the fit.
 
     Raises:
-        InputError: the model is nowhere monotone, or too few muscles can be sampled.
+        InputError: the model is not monotonic in any region, or too few muscles can be sampled.
     """
     document, outlook = fit.document or fit_as_dict(fit), fit.outlook
     data = fit.data

@@ -2,14 +2,15 @@
 
 The method is damped Gauss-Newton with exact steps in the box: every step minimises |J d + r|^2 + mu |d|^2
 with u + d inside the unit box, so bounds are met exactly. The damping mu follows Nielsen. Many descents are
-evaluated together in each round, with the same results as when run alone.
+evaluated together in each round, with the same results as if each were run alone.
 
-The weakest point of a law along a path is found by sampling and refining each minimum. If a constraint is
-violated between its stations, that point becomes a station, and the fit is repeated (exchange).
+The weakest point of a law along a path is found by sampling the path and refining each minimum. If a
+constraint is violated between its stations, that point becomes a station, and the fit is repeated
+(exchange).
 
 Huber's objective is the sum of rho(r), with rho = r^2/2 for |r| <= d, else d |r| - d^2/2. Its optimum is
-also stationary for least squares with the weights min(1, d/|r|), and each such step lowers the objective
-(Huber 1981, section 7.8). The certified convex fit is therefore used unchanged.
+also stationary for least squares with the weights min(1, d/|r|), and each fit with updated weights lowers
+the objective (Huber 1981, section 7.8). The certified convex fit is therefore used unchanged.
 
 References:
     Nielsen 1999, Damping parameter in Marquardt's method, IMM-REP-1999-05.
@@ -49,7 +50,7 @@ class End:
 
     Attributes:
         u: point in the unit box, shape (p,).
-        point: the fit there.
+        point: the fit at this point.
         gradient_residual: largest cosine between r and a column of J along which `u` may still
             move; zero at a stationary point.
         steps: number of accepted and rejected steps.
@@ -94,13 +95,13 @@ def descend_many(
     """Descend to local minima, each in the box of its own problem and from its own start.
 
     Args:
-        problems: one for each descent. Problems of the same structure are evaluated together.
+        problems: one problem for each descent. Problems with the same structure are evaluated together.
         starts: starting points, each in the unit box of its problem's free parameters.
         max_steps: largest number of steps in a descent, including rejected ones.
         tolerance: as in `descend`.
         promise: smallest relative decrease of the cost. A descent ends if its last step was accepted and
             the next one is predicted to gain less.
-        progress: called with (descents done, descents).
+        progress: called with (descents done, total).
 
     Returns:
         The end points, in the order of the problems.
@@ -164,8 +165,9 @@ def step_in_box(
     """Minimise |J d + r|^2 + damping |d|^2 with low <= d <= high.
 
     Principal pivoting guesses which steps are at their bounds and solves for the others. Steps that
-    violate a bound, and bounds whose multiplier has the wrong sign, change sides: all at first, later
-    only the last one, which terminates for every positive definite problem.
+    violate a bound are then fixed at it, and bounds whose multiplier has the wrong sign are released. At
+    first all of them change together; later only the last one changes, which guarantees termination for
+    every positive definite problem.
     """
     count, p = low.shape
     eye = np.broadcast_to(np.eye(p), (count, p, p))
@@ -273,7 +275,7 @@ def _descents(
 
 _ALIKE = 1e-4  # relative difference of the costs of two descents to the same point
 NEAR = 1e-9
-"""Smallest predicted decrease of the cost for descents that are only compared with others."""
+"""Smallest predicted relative decrease of the cost in descents that are only compared with each other."""
 
 
 def latin_hypercube(n_free: int, count: int, seed: int) -> Float[np.ndarray, "k p"]:
@@ -290,8 +292,8 @@ def descend_all(
 ) -> list[End]:
     """Descend from all starts and return the end points; the best one is refined to full precision.
 
-    With several starts, a long map is first searched with part of its readings. Distinct end points are
-    then refined with all readings.
+    With several starts, a long map is first searched with a sample of its readings. Distinct end points
+    are then refined with all readings.
     """
     part = problem if len(starts) == 1 else problem.thinned()
     (ends,) = descend_from([part], [starts], promise=NEAR, progress=progress)
@@ -330,9 +332,9 @@ def best_of(ends: Sequence[End]) -> End:
     costs = [end.cost for end in ends]
     if not np.isfinite(costs).any():
         raise InputError(
-            "from every starting point, the force was undefined at some reading: within the bounds there "
-            "are muscles whose bladder does not fit in the braid, or that cannot reach a length. Narrow "
-            "the bounds"
+            "from every starting point, the force was undefined at some reading: the bounds allow muscles "
+            "whose bladder does not fit in the braid, or that cannot reach a measured length. Narrow the "
+            "bounds"
         )
     return ends[int(np.nanargmin(costs))]
 
@@ -351,7 +353,7 @@ class Margin(NamedTuple):
 
     Attributes:
         position: position along the path in [0, 1], shape (paths,).
-        value: modulus there [Pa], shape (paths,); nan where the law has none.
+        value: modulus at this position [Pa], shape (paths,); nan if the law has none.
     """
 
     position: Float[np.ndarray, " paths"]
@@ -422,7 +424,7 @@ def refine(problem: Problem, best: End, spare: int) -> tuple[End, Problem]:
     Args:
         problem: the problem that the descents solved.
         best: best end point of the descents.
-        spare: number of stations at the end of each path that may be replaced.
+        spare: number of stations, the last ones listed for each path, that may be replaced.
 
     Returns:
         The end point of the last descent with its complete fit, and the problem with its stations.
@@ -471,11 +473,11 @@ class Weights:
 
 
 def check_objective(objective: str, *, censored: bool = False) -> None:
-    """Check that the objective is known and can be used here."""
+    """Check that the objective is known, and that it allows censored readings if there are any."""
     if censored and objective != "sum_of_squares":
         raise InputError(
-            "censored readings enter as one-sided squares: use objective='sum_of_squares', or omit "
-            "censored"
+            "censored readings, which enter as one-sided squares, require objective='sum_of_squares': "
+            "use this objective, or omit censored"
         )
     if objective not in OBJECTIVES:
         raise InputError(f"objective must be one of {', '.join(OBJECTIVES)}; got {objective!r}")
@@ -496,7 +498,7 @@ def descend_reweighted(
         problem: problem with the original weights of the readings.
         starts: starting points in the unit box.
         objective: "huber" or "mean_rmse".
-        progress: called with (starts done, starts) in the first round.
+        progress: called with (starts done, total) in the first round.
 
     Returns:
         The best end point, the latest end points from all starts, and the weights.
@@ -525,8 +527,8 @@ def descend_reweighted(
         again = descend_all(changed, starts if done < _FROM_ALL else best.u[None])
         best, ends = best_of(again), again if done < _FROM_ALL else ends
     raise InputError(
-        f"the weights of objective={objective!r} did not converge in {_REWEIGHTED} rounds: several "
-        "fits are equally good. Fix parameters with bounds, or use objective='sum_of_squares'"
+        f"the weights of objective={objective!r} did not converge in {_REWEIGHTED} rounds, because "
+        "several fits are equally good. Fix parameters with bounds, or use objective='sum_of_squares'"
     )
 
 
@@ -538,7 +540,7 @@ def _least(problem: Problem) -> float:
 def mean_rmse_factor(
     residual: Float[np.ndarray, " points"], level: Float[np.ndarray, " points"], least: float
 ) -> Float[np.ndarray, " points"]:
-    """Return the factors that give the sum of squares the gradient of the mean RMSE, up to a constant.
+    """Return the factors for which the sum of squares has the gradient of the mean RMSE, up to a constant.
 
     The mean of sqrt(S_p/n_p) over the pressures p lies below its tangent in S_p, so each round lowers it.
     The mean of the squared factors is 1.

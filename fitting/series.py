@@ -37,12 +37,13 @@ share an error, so each specimen has the same weight."""
 
 FROM_ONE = 0.06
 """Standard deviation of readings about a prediction from one specimen of another length, relative to the
-largest force and excluding the disagreement between models. It was chosen so that the bands for 18 pairs
-among five muscles of 12 to 28 cm, each predicted from another, contain 95 % of the readings (96 %)."""
+largest force and excluding the disagreement between models. It was chosen so that the bands contain at
+least 95 % of the readings (they contain 96 %) for 18 pairs of muscles, one predicted from the other, among
+five muscles of 12 to 28 cm."""
 
 _EQUAL = (
     "Every specimen has the same weight, regardless of the number and standard deviations of its readings: "
-    "specimens differ by more than the noise in their forces."
+    "specimens differ by more than the noise in the forces."
 )
 
 
@@ -54,9 +55,9 @@ class Series:
         name: description of the family that predicts other specimens best.
         law: name of its law.
         specimens: identification of each specimen; all parameters are shared.
-        others: the same with a compliant rig; predictions are the weighted mean of both.
+        others: the same identifications with a compliant rig; predictions are the weighted mean of both.
         weights: weights of the first model and the others, which sum to 1, see `_weights`.
-        tried: all families, the chosen one first.
+        tried: all families; the first one is the chosen one.
         left_out: errors of the mean prediction for each held-out specimen.
     """
 
@@ -77,8 +78,9 @@ class Series:
     def between(self) -> float:
         """Standard deviation [N] of readings of a new specimen about their prediction.
 
-        It follows from held-out specimens, each predicted from one specimen fewer than a new one is. The
-        mean of n - 1 specimens with standard deviation s differs from a new one by s sqrt(1 + 1/(n - 1)).
+        It follows from the held-out specimens, each of which is predicted from one specimen fewer than a
+        new muscle would be. The mean of n - 1 specimens with standard deviation s differs from a new
+        specimen by s sqrt(1 + 1/(n - 1)).
         """
         n = len(self.specimens)
         left_out = float(np.sqrt(np.mean(self.left_out.group_rmse**2)))
@@ -139,13 +141,13 @@ def identify_series(
         data: force maps of at least two specimens with different names, measured in one rig.
         laws: laws in order of preference, each as for `identify`: a name, `module:Class`, a class or a
             material; "linear" and "cubic" are polynomials.
-        parameters: see `identify`; these are not varied between families. `end_length` is the dead
-            length of rounded ends, the same for every rest length.
+        parameters: see `identify`; these settings apply to all families. `end_length` is the dead
+            length of rounded ends, which is the same for every rest length.
         constraint: constraint on the coefficients.
         geometry: class or function that wraps the estimated geometry of a specimen, see `identify`; it
             needs a method `cut_to_length`.
         terms: further force terms, shared by all specimens, see `identify`.
-        ends: "equilibrium" also tries every law with the shape from mechanics, see `identify`.
+        ends: "equilibrium" also tries every law with the shape computed from mechanics, see `identify`.
         starts: number of starts for each fit.
         seed: random seed of the starts.
         progress: called with (task, families done, total).
@@ -176,7 +178,9 @@ def identify_series(
     rigs = [rig for family in families for rig in family]
     if len({one.name for one in rigs}) < len(rigs):
         names = ", ".join(dict.fromkeys(one.law for one in rigs))
-        raise InputError(f"each law of a series must be given only once: got one of {names} twice")
+        raise InputError(
+            f"each law of a series must be listed only once, but one of {names} is listed twice"
+        )
     found = []
     for done, family in enumerate(families):
         if progress is not None:
@@ -187,8 +191,8 @@ def identify_series(
     if not found:
         raise InputError(
             f"with each of {', '.join(one.name for one in rigs)}, the force is undefined at some reading "
-            "of a held-out specimen: the others do not determine the parameters. Fix some parameters "
-            "(end_length, series_compliance), or add specimens"
+            "of a held-out specimen: the other specimens do not determine the parameters. Fix some "
+            "parameters (end_length, series_compliance), or add specimens"
         )
     largest = max(one.max_force for one in data)
     tried = ranked([_as_one(rigs) for rigs in found], largest)
@@ -261,20 +265,21 @@ def _as_one(rigs: Sequence[_Judged]) -> tuple[Candidate, float, dict[str, LeftOu
 def _check(data: Sequence[ForceData], laws: Sequence[LawGiven], geometry: Geometry | None) -> None:
     if len(data) < 2:
         raise InputError(
-            f"a series needs force maps of at least two specimens, got {len(data)}. Fit one with famjax "
-            "fit (identify), and predict another length with famjax predict --rest-length (cut_to_length)"
+            f"a series needs force maps of at least two specimens, got {len(data)}. Fit a single "
+            "specimen with famjax fit (identify), and predict other lengths with famjax predict "
+            "--rest-length (cut_to_length)"
         )
     if not laws:
         raise InputError(f"a series needs a law, such as {', '.join(DEFAULT_LAWS)}; got none")
     if len({one.specimen.rest_length for one in data}) < 2:
         raise InputError(
-            "specimens of a series must differ in rest length, or they contain no information on other "
+            "specimens of a series must differ in rest length, or they contain no information about other "
             "lengths: use other specimens, or fit each with famjax fit (all at once with identify_together)"
         )
     never_cut = famjax.geometries.AbstractGeometry.cut_to_length
     if isinstance(geometry, type) and getattr(geometry, "cut_to_length", None) is never_cut:
         raise InputError(
-            f"{geometry.__name__} needs a method cut_to_length(rest_length) to predict other lengths"
+            f"{geometry.__name__} must have a method cut_to_length(rest_length) to predict other lengths"
         )
 
 
@@ -311,7 +316,7 @@ def _families(
 def _of_mechanics(
     data: Sequence[ForceData], law: LawGiven, rank: int, said: Mapping[str, Parameter], seed: int
 ) -> Candidate:
-    """Return a law with the shape from mechanics, ranked after all cylinders."""
+    """Return a law with the shape computed from mechanics, ranked after all cylinders."""
     one, made = _families(law, rank, said, {})[0][0], options_of(law)
     options = equilibrium_options(data, made["law"], made.get("order"), None, one.parameters, seed)
     parameters = options.pop("parameters")
@@ -333,15 +338,15 @@ def _counting_alike(data: ForceData, of: Sequence[ForceData]) -> ForceData:
 def accounts(
     candidates: Sequence[Candidate], data: ForceData, said: Collection[str]
 ) -> tuple[Candidate, ...]:
-    """Select the families that apply to other lengths, with a deadband or a compliant rig.
+    """Select the families that can predict other lengths, with a deadband or a compliant rig.
 
     Args:
         candidates: families of the ladder.
-        data: the map.
-        said: parameters given by the user.
+        data: the force map.
+        said: names of the parameters set by the user.
 
     Returns:
-        The families; none unless both a rigid and a compliant rig are possible.
+        The families; none unless families with a rigid rig and with a compliant rig are both possible.
     """
     found = [as_cylinder(one, data, said) for one in candidates if one.law in DEFAULT_LAWS]
     return tuple(found) if {one.rig for one in found} == {False, True} else ()

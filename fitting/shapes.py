@@ -35,7 +35,7 @@ MOST_OUTLIERS = 0.1
 MOST_SCATTER = 0.01
 """Largest scatter of the pictures about the surface, relative to the diameter."""
 WITHIN = 0.15
-"""Largest relative error of the turns by the triangle relation, which neglects the narrower ends."""
+"""Largest relative error of the turns from the triangle relation, which neglects the narrower ends."""
 
 _SCALE_STDERR = "scale_relative_stderr"
 _COLUMNS = {
@@ -84,7 +84,7 @@ class Pictures:
                 f"{_LEAST}: photograph a whole stroke"
             )
         if not (self.length.min() > 0 and self.diameter.min() > 0):
-            raise InputError(f"{self.source}: a picture has a length or a diameter that is not > 0")
+            raise InputError(f"{self.source}: lengths and diameters must be > 0 in all pictures")
 
     def __len__(self) -> int:
         return len(self.names)
@@ -145,7 +145,7 @@ def _read(path: str | Path) -> tuple[tuple[str, ...], np.ndarray, dict[str, np.n
             held = {name: one[:].copy() for name, one in file.variables.items()}
             scale = float(getattr(file, _SCALE_STDERR, b"0").decode())
     except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+        raise InputError(f"cannot read {path}: {error.strerror or error}") from None
     except (TypeError, ValueError, LookupError, MemoryError, ArithmeticError, AttributeError):
         raise InputError(
             f"{path} is not a measurements.nc file (NetCDF) written by `famjax measure`"
@@ -153,7 +153,7 @@ def _read(path: str | Path) -> tuple[tuple[str, ...], np.ndarray, dict[str, np.n
     missing = {"diameter_m", "length_m", "ok", "path"} - held.keys()
     if missing:
         raise InputError(
-            f"{path} has no {', '.join(sorted(missing))}: give the measurements.nc from `famjax measure`"
+            f"{path} has no {', '.join(sorted(missing))}: use the measurements.nc from `famjax measure`"
         )
     names = tuple(b"".join(row).decode().rstrip("\0 ") for row in held["path"])
     columns = {name: held[stored] for name, stored in _COLUMNS.items() if stored in held}
@@ -173,7 +173,7 @@ class SurfaceForm(NamedTuple):
 
 
 class _Polynomials:
-    """Least-squares fit of a form at every position, with equal weights for all pictures.
+    """Least-squares fit of the polynomials at every position, with equal weights for all pictures.
 
     Attributes:
         coefficients: coefficients [m], shape (terms, m).
@@ -205,7 +205,7 @@ class _Polynomials:
         return np.hstack([terms, share[:, None] * terms[:, : self.form.with_pressure + 1]])
 
     def varied(self, rng: np.random.Generator) -> Array:
-        """Sample equally probable coefficients: each picture's residual gets a random sign and size."""
+        """Sample equally probable coefficients, with each picture's residual scaled by a random factor."""
         sizes = rng.standard_normal(len(self.leverage))[:, None]
         return self.coefficients + self.solve @ (sizes * self.left_out)
 
@@ -275,7 +275,7 @@ class HeldOut:
     Attributes:
         pictures: number of held-out pictures.
         rms: root mean square of measured minus predicted diameters at all positions [m].
-        standardised: the same, relative to the predicted standard deviation; 1 if the prediction is right.
+        standardised: the same, relative to the predicted standard deviation; 1 if that is correct.
     """
 
     pictures: int
@@ -292,14 +292,14 @@ class ShapeSurface:
         lengths: lengths at which the surface is sampled [m], decreasing, shape (k,).
         pressures: lowest and highest pressure of the pictures [Pa]; nan if the shape is independent of it.
         diameters: D [m] at both pressures, shape (2, k, m); equal if the shape is independent of pressure.
-        draws: diameters of equally probable surfaces, shape (d, 2, k, m). They differ by the scatter of
-            the pictures, by errors common to all pictures, and by the error of the scale.
-        draw_scales: factor on the lengths of each draw, shape (d,).
+        draws: diameters of equally probable surfaces, shape (d, 2, k, m). The surfaces differ because of
+            the scatter of the pictures, errors common to all pictures, and the error of the scale.
+        draw_scales: factor on the lengths for each draw, shape (d,).
         held_out: errors on held-out pictures.
         threads: turns and length of the threads, from the pictures.
         used: names of the pictures that determine the surface.
         left_out: names of the pictures that lie off the surface.
-        notes: remarks for the report.
+        notes: sentences for the report.
     """
 
     form: SurfaceForm
@@ -315,11 +315,11 @@ class ShapeSurface:
     notes: tuple[str, ...]
 
     def summary(self) -> tuple[str, ...]:
-        """Return notes for the reader of a fit that uses this shape."""
+        """Return notes for the report on a fit that uses this shape."""
         test, (short, long) = self.held_out, (self.lengths[-1], self.lengths[0])
         return (
-            f"The shape is measured in {len(self.used)} pictures at lengths from {short * 1e3:.4g} to "
-            f"{long * 1e3:.4g} mm; {test.pictures} held-out pictures are predicted within "
+            f"The shape was measured in {len(self.used)} pictures at lengths from {short * 1e3:.4g} to "
+            f"{long * 1e3:.4g} mm; {test.pictures} held-out pictures are predicted with an error of "
             f"{test.rms * 1e6:.3g} um RMS, {test.standardised:.2g} times the expected error.",
             *self.notes,
         )
@@ -327,7 +327,7 @@ class ShapeSurface:
     def family(
         self, braid: famjax.braids.AbstractBraid, *, draw: int | None = None
     ) -> famjax.surfaces.SampledSurface:
-        """Return the surface with a braid: the fitted surface, or a draw if its number is given."""
+        """Return the surface with a braid: the fitted surface, or the draw with the number `draw`."""
         both = self.diameters if draw is None else self.draws[draw]
         lengths = self.lengths * (1.0 if draw is None else self.draw_scales[draw])
         known = np.isfinite(self.pressures).all()
@@ -345,12 +345,12 @@ class ShapeSurface:
     ) -> famjax.MeasuredGeometry:
         """Return the measured geometry of a muscle.
 
-        The triangle relation neglects the ends, where the diameter is smaller, so the turns and hence the
-        force are a few percent off. Count the turns, or identify them in the fit.
+        The triangle relation neglects the ends, where the diameter is smaller, so the number of turns
+        and hence the force are wrong by a few percent. Count the turns, or identify them in the fit.
 
         Args:
-            specimen: rest length, wall, braid thickness, and the bladder's diameter, which is None if the
-                bladder fills the braid at rest.
+            specimen: specimen with rest length, wall and braid thickness, and bladder diameter, which is
+                None if the bladder fills the braid at rest.
             braid: braid with the turns of the threads; from the triangle relation if omitted.
             draw: number of a draw, for the uncertainty of the shape.
 
@@ -375,7 +375,7 @@ class ShapeSurface:
         if not np.isfinite(outer):
             raise InputError(
                 f"the longest photographed length, {self.lengths[0] * 1e3:.4g} mm, is below the rest "
-                f"length, {specimen.rest_length * 1e3:.4g} mm: give the bladder diameter at rest (specimen "
+                f"length, {specimen.rest_length * 1e3:.4g} mm: add the bladder diameter at rest (specimen "
                 "bladder_diameter_mm = ...), or photograph the muscle at rest"
             )
         bladder = famjax.Bladder(specimen.rest_length, outer, specimen.wall_thickness)
@@ -385,7 +385,7 @@ class ShapeSurface:
 def shape_surface(
     pictures: str | Path | Pictures, *, draws: int = 64, seed: int = 0
 ) -> ShapeSurface:
-    """Fit the shape of a muscle, over length and pressure, to the pictures from a test campaign.
+    """Fit the shape of a muscle, as a function of length and pressure, to pictures from a test campaign.
 
     At each position z/L the diameter is a polynomial in length, with or without terms proportional to
     pressure, fitted by least squares. The degrees are the same at all positions and chosen by
@@ -404,8 +404,8 @@ def shape_surface(
         InputError: there are too few pictures or lengths, or the pictures do not lie on a smooth surface.
 
     References:
-        Chambers 2021, section 4.3, fits each profile separately. Wu 1986 for the draws, with held-out
-        residuals.
+        Chambers 2021, section 4.3 (fits each profile separately). Wu 1986 (draws; here with held-out
+        residuals).
     """
     pictures = Pictures.of(pictures)
     pictures = pictures.part(np.argsort(-pictures.length, kind="stable"))
@@ -417,12 +417,12 @@ def shape_surface(
     low, high = used.pressure_ends()
     if form.with_pressure >= 0:
         notes.append(
-            f"At a given length, the shape changes with pressure: polynomial of degree {form.degree} in "
-            f"length, plus pressure times a polynomial of degree {form.with_pressure} in length."
+            "At a given length, the shape changes with pressure: it is a polynomial of degree "
+            f"{form.degree} in length, plus pressure times one of degree {form.with_pressure} in length."
         )
     elif np.isfinite(low):
         notes.append(
-            "At a given length, the shape does not change with pressure beyond the scatter."
+            "At a given length, the shape does not change with pressure by more than the scatter."
         )
         low = high = np.nan
     at = np.stack([found.basis(lengths, np.full(KNOTS, P)) for P in (low, high)])
@@ -448,8 +448,9 @@ def shape_surface(
 def _common(pictures: Pictures, draws: int, rng: np.random.Generator) -> Array:
     """Sample the diameter errors [m] shared by all pictures, shape (draws, m).
 
-    They are the error of the average diameter plus an error along the axis: the part of the error at
-    each position in excess of the former, correlated over the smoothing length of the outline.
+    They are the error of the average diameter plus an error that varies along the axis. The latter is
+    the part of the error at each position that exceeds the former, correlated over the smoothing length
+    of the outline.
     """
     x = np.linspace(0, 1, pictures.diameter.shape[1])
     whole = pictures.mean_std * rng.standard_normal((draws, 1))
@@ -517,20 +518,20 @@ def _on_a_surface(pictures: Pictures) -> tuple[NDArray[np.bool_], list[str]]:
             names = ", ".join(np.array(pictures.names)[~keep][:5])
             raise InputError(
                 f"{pictures.source}: more than a tenth of the pictures lie off the smooth surface through "
-                f"the others ({names}): check their overlays, and that all show the same muscle"
+                f"the others ({names}): check their overlays, and that all pictures show the same muscle"
             )
     scatter = float(np.sqrt(np.mean(size**2)) / used.diameter.mean())
     if scatter > MOST_SCATTER:
         raise InputError(
             f"{pictures.source}: the pictures scatter by {scatter:.1%} of the diameter about any smooth "
-            "surface, whereas photographs of one muscle scatter by 0.1 %: check that lengths, pressures "
-            "and pictures belong together"
+            "surface, whereas photographs of one muscle scatter by about 0.1 %: check that lengths, "
+            "pressures and pictures belong together"
         )
     if keep.all():
         return keep, []
     out = np.array(pictures.names)[~keep]
     said = "1 picture lies" if len(out) == 1 else f"{len(out)} pictures lie"
-    return keep, [f"{said} off the surface (left out): {', '.join(out)}."]
+    return keep, [f"{said} off the surface; not used: {', '.join(out)}."]
 
 
 def _held_out(pictures: Pictures, form: SurfaceForm) -> HeldOut:

@@ -1,4 +1,4 @@
-"""Specimens: what is known about a muscle before the fit, and plausible ranges that reveal unit errors."""
+"""Specimens: known properties of a muscle before the fit, and plausible ranges that reveal unit errors."""
 
 import contextlib
 import contextvars
@@ -24,7 +24,7 @@ class Plausible(NamedTuple):
     """Plausible range of a muscle property.
 
     Attributes:
-        kind: kind of unit, a key of `UNITS`.
+        kind: type of unit, a key of `UNITS`.
         low, high: generous limits [SI].
         usual: typical value [SI], used to guess the unit.
     """
@@ -83,7 +83,7 @@ def check_plausible(what: str, value: float, quantity: str | None, unit: str = "
     """Reject an implausible value and suggest its likely unit.
 
     Args:
-        what: subject of the message.
+        what: subject of the message, such as "the rest length".
         value: value in SI; zero and non-finite values pass.
         quantity: key of `PLAUSIBLE`; None if no range is known.
         unit: unit in which the value was given; default: SI.
@@ -94,8 +94,8 @@ def check_plausible(what: str, value: float, quantity: str | None, unit: str = "
     >>> check_plausible("the rest length", 0.27, "length")
     >>> check_plausible("the rest length", 270.0, "length")
     Traceback (most recent call last):
-    famjax.boundary.errors.InputError: the rest length is 270 m, but a length of a muscle must be between \
-0.005 and 5 m. It looks like mm, not m
+    famjax.boundary.errors.InputError: the rest length is 270 m, but a muscle's length must be between \
+0.005 and 5 m. The value looks like mm, not m
     """
     size = abs(value)
     if quantity is None or size == 0 or not math.isfinite(size) or _ANY_UNITS.get():
@@ -109,10 +109,10 @@ def check_plausible(what: str, value: float, quantity: str | None, unit: str = "
     scale = UNITS[known.kind][said]
     number, low, most = value / scale, known.low / scale, high / scale
     likely = " or ".join(_guesses(abs(number), known, said))
-    guess = f"It looks like {likely}, not {said}" if likely else "Check its unit"
-    longer = ". If the value is correct, give it in m" if most < known.high / scale else ""
+    guess = f"The value looks like {likely}, not {said}" if likely else "Check its unit"
+    longer = ". If it is correct, state it in m" if most < known.high / scale else ""
     raise InputError(
-        f"{what} is {number:.6g} {said}, but a {quantity} of a muscle must be between {low:.3g} and "
+        f"{what} is {number:.6g} {said}, but a muscle's {quantity} must be between {low:.3g} and "
         f"{most:.3g} {said}. {guess}{longer}"
     )
 
@@ -138,15 +138,15 @@ def check_bounds(name: str, kind: str, ends: Iterable[float], unit: str = "") ->
 
     Args:
         name: name of the parameter.
-        kind: kind of its unit.
-        ends: given bounds in SI.
+        kind: type of its unit.
+        ends: bounds, or the fixed value, in SI.
         unit: unit in which they were given.
 
     Raises:
         InputError: the larger bound is outside the plausible range.
     """
     most = max((abs(end) for end in ends if math.isfinite(end)), default=0.0)
-    check_plausible(f"the bound of {name}", most, quantity_of(name, kind), unit)
+    check_plausible(f"the bound on {name}", most, quantity_of(name, kind), unit)
 
 
 def check_prior(name: str, kind: str, prior: tuple[float, float], unit: str = "") -> None:
@@ -154,7 +154,7 @@ def check_prior(name: str, kind: str, prior: tuple[float, float], unit: str = ""
 
     Args:
         name: name of the parameter.
-        kind: kind of its unit.
+        kind: type of its unit.
         prior: mean and standard deviation in SI.
         unit: unit in which they were given.
 
@@ -163,16 +163,16 @@ def check_prior(name: str, kind: str, prior: tuple[float, float], unit: str = ""
     """
     mean, std = prior
     quantity = quantity_of(name, kind)
-    check_plausible(f"the prior of {name}", max(abs(mean), std), quantity, unit)
+    check_plausible(f"the prior on {name}", max(abs(mean), std), quantity, unit)
     usual = PLAUSIBLE[quantity].usual if quantity else 0.0
     narrowest = _NARROWEST * max(abs(mean), usual)
     if std < narrowest:
         unit = unit or si_unit(kind)
         mean, std, narrowest = (one / UNITS[kind][unit] for one in (mean, std, narrowest))
         raise InputError(
-            f"the prior of {name}, {mean:.6g} +- {std:.3g} {unit}, must have a standard deviation of "
-            f"{narrowest:.3g} {unit} or more, since a narrower one fixes the value. Fix it with bounds or "
-            f"with Parameter({mean:.6g}, vary=False, ...), or give the standard error of the measurement"
+            f"the prior on {name}, {mean:.6g} +- {std:.3g} {unit}, must have a standard deviation of "
+            f"{narrowest:.3g} {unit} or more, because a narrower one fixes the value: use the standard "
+            f"error of the measurement, or fix the value with Parameter({mean:.6g}, vary=False, ...)"
         )
 
 
@@ -184,7 +184,7 @@ class Specimen:
         name: name for reports.
         rest_length: active length L0 [m] at zero contraction.
         wall_thickness: bladder wall t0 [m] at rest.
-        nominal_diameter: catalogue bore [m], which bounds the braid diameter in a fit; or None.
+        nominal_diameter: catalogue bore [m], which bounds the braid diameter in a fit; None if unknown.
         bladder_diameter: outer diameter [m] of the bladder at rest; None if it fills the braid.
         braid_thickness: thickness [m] of the braid.
         embedded: True if the threads run inside the rubber (Festo DMSP).
@@ -266,7 +266,7 @@ def parse_specimen(entries: Iterable[str]) -> dict[str, Any]:
 
 
 def _specimen_field(key: str, value: str) -> tuple[str, Any]:
-    """Return name and SI value of one field of `Specimen`."""
+    """Return the name and SI value of one field of `Specimen`."""
     if key == "name":
         return key, value
     if key == "embedded":
@@ -279,7 +279,7 @@ def _specimen_field(key: str, value: str) -> tuple[str, Any]:
         near = [f"{one}_{unit}" for one in SPECIMEN_LENGTHS for unit in UNITS["length"]]
         raise InputError(
             f"unknown specimen entry {key!r}; choose from {', '.join(known)}{meant(key, [*near, *known])}. "
-            f"For a parameter of the fit, use --prior {key}=MEAN+-STD, or fix it with --bounds "
+            f"If it is a parameter of the fit, use --prior {key}=MEAN+-STD, or fix it with --bounds "
             f"{key}={value}"
         )
     kind = "force" if name == "force_limit" else "length"
@@ -308,7 +308,7 @@ def describe(known: Mapping[str, Any], longest: float) -> Described:
 
     Args:
         known: fields of `Specimen` in SI, including the name.
-        longest: longest measured length [m]; used as rest length if none is given.
+        longest: longest measured length [m]; used as the rest length if none is given.
     """
     fields, notes = dict(known), {}
 
@@ -323,13 +323,13 @@ def describe(known: Mapping[str, Any], longest: float) -> Described:
             f"rest length was not given: the longest length in the file, {said}, is used",
         )
     if "nominal_diameter" not in fields:
-        searched = "the braid diameter is searched between 3 mm and 80 mm"
+        searched = "the fit searches for the braid diameter between 3 mm and 80 mm"
         assume("nominal_diameter", f"nominal diameter was not given: {searched}")
     if "wall_thickness" not in fields:
         across = fields.get("nominal_diameter") or fields.get("bladder_diameter") or math.inf
         fields["wall_thickness"] = wall = min(DEFAULT_WALL_THICKNESS, _WALL_OF_BORE * across)
         said = Quantity(wall, "length").in_units("metric")
-        scaled = "E_n scales nearly inversely with it, and the force does not change"
+        scaled = "E_n is nearly inversely proportional to it; the force does not depend on it"
         assume("wall_thickness", f"wall thickness was not given: {said} is assumed; {scaled}")
     if "embedded" not in fields and "bladder_diameter" not in fields:
         fields["embedded"] = True

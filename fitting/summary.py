@@ -1,4 +1,4 @@
-"""Convert an optimum to an identification: covariance, estimates with errors, certificate."""
+"""Convert an optimum into an identification: covariance, estimates with errors, certificate."""
 
 import dataclasses
 import math
@@ -26,7 +26,7 @@ _STEP = 1e-3  # finite-difference step on a path, for the curvature of the modul
 def joint_derivatives(
     point: Point,
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k p"], Float[np.ndarray, "m p"]]:
-    """Return the weighted residual, its Jacobian and that of the constraints, in (parameters, x)."""
+    """Return the weighted residual, and the Jacobians of residual and constraints in (parameters, x)."""
     A, G = point.A, point.G
     d_residual, d_slack = partial(point)
     columns = np.zeros((len(d_residual), A.shape[1]))
@@ -74,7 +74,8 @@ def held_and_active(
         rows: gradients of all constraints with respect to all parameters.
 
     Returns:
-        (fixed or at a bound; gradients of the active constraints; roots of the added curvature).
+        (fixed or at a bound; gradients of the active constraints; rows r whose r^T r add up to the added
+        curvature).
     """
     point = end.point
     held = np.ones(len(problem.names) + len(problem.linear), bool)
@@ -92,7 +93,7 @@ def held_and_active(
 def _touching(
     problem: Problem, pull: Float[np.ndarray, " m"]
 ) -> tuple[list[Int[np.ndarray, " _"]], int]:
-    """Return the active rows of each touched point on a path, and the number of path rows."""
+    """Return the active rows at each point where a constraint is active, and the number of path rows."""
     found, first = [], 0
     for part, rows_of_part in zip(problem.parts, problem.path_rows, strict=True):
         if not rows_of_part:
@@ -113,7 +114,7 @@ def _bent(
     pull: Float[np.ndarray, " m"],
     touches: Sequence[Int[np.ndarray, " _"]],
 ) -> Float[np.ndarray, "c p"]:
-    """Return roots of the curvature added by the touched points, from finite differences in position."""
+    """Return rows r whose r^T r add up to the curvature from active constraints, by finite differences."""
     p = len(problem.names) + len(problem.linear)
     stations = np.concatenate([part.inputs.stations.ravel() for part in problem.parts])
     middles = [pull[rows] @ stations[rows] / pull[rows].sum() for rows in touches]
@@ -198,7 +199,7 @@ def summarise(
     weights: Weights | None = None,
     pictures: PictureFit | None = None,
 ) -> tuple[Identification, ...]:
-    """Return the identifications at an optimum, one per force map.
+    """Return the identifications at an optimum, one for each force map.
 
     Args:
         posed: the problem before its stations were refined.
@@ -302,8 +303,8 @@ def _errors(data: ForceData, force: np.ndarray) -> Errors:
 
 
 _MODULI = {
-    "drucker": "Drucker modulus is 0 at {:.1%} of the actuation path",
-    "slope": "tangent modulus is 0 at {:.1%} of the strain range",
+    "drucker": "Drucker modulus is 0 at a point {:.1%} along the actuation path",
+    "slope": "tangent modulus is 0 at {:.1%} of the largest strain",
 }
 
 

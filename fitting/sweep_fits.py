@@ -1,12 +1,13 @@
-"""Convex fits of a sweep: all orders, pressure dependences and constraints for one force map together.
+"""Convex fits in a sweep: all orders, pressure dependences and constraints for one force map together.
 
 At a known geometry F = F_0 + sum_n E_n c_n, so each fit is a convex programme with two unknowns for every
-order, E_n at the lowest and at the highest pressure. A law with fixed dependence has only the first; one
-with free dependence has a separate programme for each pressure.
+order, E_n at the lowest and at the highest pressure. A law with fixed dependence uses only the first of
+these; a law with free dependence has a separate programme for each pressure.
 
 A constraint along the paths, g(s) = sum_n E_n phi_n(s) >= 0 for all s in [0, 1], is imposed at stations.
-The point at which an optimum violates it most is added until nothing is violated (exchange). Piecewise
-cubics approximate phi_n to rounding error, so the minima of g are found in closed form.
+The point at which an optimum violates the constraint most becomes a further station, until no violation
+remains (exchange). Piecewise cubics approximate phi_n to rounding error, so the minima of g are found in
+closed form.
 
 The mean RMSE is minimised by reweighting: each step minimises a sum of squares that has the gradient of
 the mean RMSE at the previous point and an equal or larger curvature.
@@ -92,7 +93,7 @@ class LinearMuscle:
     def columns(
         self, length: Float[np.ndarray, "..."], pressure: Float[np.ndarray, "..."]
     ) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "... order"]]:
-        """Return F_0 [N] and c_n [N/Pa] at lengths [m] and pressures [Pa], in their broadcast shape."""
+        """Return F_0 [N] and c_n [N/Pa] at lengths [m] and pressures [Pa], which are broadcast together."""
         none = np.zeros(1), np.zeros(1), np.zeros((1, 0))
         at = [1.0 * one for one in np.broadcast_arrays(length, pressure)]
         force, columns = _in_chunks(
@@ -135,7 +136,7 @@ class PathTable(NamedTuple):
     def of(
         cls, evaluate: Callable[[np.ndarray, np.ndarray], np.ndarray], paths: int, cells: int
     ) -> "PathTable":
-        """Approximate functions to rounding error, halving the cells until the cubics agree with them.
+        """Approximate functions by cubics to rounding error, halving the cells until both agree.
 
         Args:
             evaluate: maps paths, shape (m,), and positions, shape (m, k), to phi_n, shape (m, k, order).
@@ -183,12 +184,12 @@ class PathTable(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Design:
-    """Linear problem shared by all fits to a map: loaded readings by pressure, padded to equal length.
+    """Linear problem shared by all fits to a map, with the same padded number of readings at each pressure.
 
     Attributes:
         muscle: the muscle, for any coefficients.
         pressure: levels [Pa], increasing, shape (pressures,).
-        force, length: force [N] and length [m], shape (pressures, readings).
+        force, length: force [N] and length [m] of the loaded readings, shape (pressures, readings).
         weight: 1/std, or 1; 0 for padding, shape (pressures, readings).
         path_end: shortest length [m] of each path, shape (pressures,).
         A, target: c_n [N/Pa] and F - F_0 [N] at the readings, shapes (pressures, readings, order) and
@@ -216,7 +217,7 @@ class Design:
         to the shortest length if no reading is slack.
 
         Raises:
-            InputError: a pressure has no loaded reading shorter than the rest length, there are more than
+            InputError: the path at a pressure does not extend below the rest length, there are more than
                 200 pressures, or the force is undefined at a reading.
         """
         loaded, level, rest = data.loaded, data.pressures.level, muscle.rest_length
@@ -224,7 +225,7 @@ class Design:
         if pressure.size > _PRESSURES:
             raise InputError(
                 f"a sweep needs a path for each pressure and accepts at most {_PRESSURES} pressures; the "
-                f"map has {pressure.size}. Group them with a line in the file, such as "
+                f"map has {pressure.size}. Group the pressures with a line in the file, such as "
                 "`# level: pressure_tolerance_kPa = 5`, or fit one law to all readings with `famjax fit`"
             )
         path_end = np.array([path_end_at(data, float(one)) for one in pressure])
@@ -232,7 +233,7 @@ class Design:
         if short.size:
             raise InputError(
                 f"at {pressure[short[0]] / 1e3:.5g} kPa no reading is shorter than the rest length of "
-                f"{rest * 1e3:.5g} mm, so there is no actuation path: leave that pressure out"
+                f"{rest * 1e3:.5g} mm, so there is no actuation path: remove the readings at that pressure"
             )
         at = [np.flatnonzero(loaded & (level == one)) for one in pressure]
         size = max(rows.size for rows in at)
@@ -247,7 +248,7 @@ class Design:
             raise InputError(
                 f"the force must be defined at every loaded reading; it is undefined (nan) at {len(lost)} "
                 f"of them, first at {length[k, n] * 1e3:.5g} mm and {pressure[k] / 1e3:.5g} kPa: "
-                "the geometry does not extend there, or a force term is nan"
+                "the geometry does not cover that state, or a force term is nan there"
             )
         target = data.force[padded] - braid
         rows = np.concatenate([A, target[..., None]], axis=-1) * weight[..., None]
@@ -284,7 +285,7 @@ class Fits(NamedTuple):
     Attributes:
         coefficients: E_n [Pa] at each pressure, shape (..., pressures, order); nan unless OPTIMAL.
         objective: minimum of the objective.
-        kkt_residual, duality_gap: certificate, as relative values.
+        kkt_residual, duality_gap: certificate of optimality, as relative values.
         status: a `Status`.
     """
 
@@ -299,8 +300,9 @@ class _Programmes(NamedTuple):
     """Programmes along a leading axis; unknown 2 n + j is coefficient n at pressure end j.
 
     Attributes:
-        constraint: names, shape (b,).
-        basis: weights of the two ends at each pressure; zero to exclude a pressure, (b, pressures, 2).
+        constraint: names of the constraints, shape (b,).
+        basis: weights of the two ends at each pressure, zero to exclude a pressure, shape
+            (b, pressures, 2).
         used: true for unknowns of the law, shape (b, 2 order).
         keep: 0 for a held-out pressure, shape (b, pressures).
     """
@@ -322,15 +324,15 @@ def fits_of(
 
     Args:
         of: the linear problem.
-        dependence: "fixed", "linear" or "free". The last has a programme for each pressure, whose RMSE
-            and sum of squares have the same minimum.
+        dependence: "fixed", "linear" or "free". With "free" there is a programme for each pressure, in
+            which RMSE and sum of squares have the same minimum.
         orders: orders of the law.
         constraints: some of `response.CONSTRAINTS`.
         objective: "sum_of_squares" or "mean_rmse".
 
     Returns:
-        The fits, and the sum of squares [N^2] at each pressure when it is left out; nan if the law does
-        not predict other pressures.
+        The fits, and the sum of squares [N^2] at each pressure when that pressure is left out; nan if
+        the law does not predict other pressures.
     """
     count, linear, free = len(of.target), dependence == "linear", dependence == "free"
     keeps = np.eye(count) if free else np.concatenate([np.ones((1, count)), 1 - np.eye(count)])
@@ -401,7 +403,7 @@ class _Norms(NamedTuple):
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the mean RMSE, relative residual of its optimality conditions, and relative duality gap.
 
-        The residual is relative to the data: a change of the readings by this much makes the point optimal.
+        The residual is relative to the data: a change in the readings by this much makes the point optimal.
         Any u_p with |u_p| <= share_p and sum_p W_p^T u_p = G^T l, l >= 0, gives the lower bound
         -sum_p u_p c_p on the optimum. The gap is sum_p share_p |r_p| - u_p r_p + x (G^T l + the residual
         of the conditions).
@@ -497,7 +499,7 @@ def _posed(of: Design, given: _Programmes) -> Float[np.ndarray, "b pressures poi
 def _rows(
     given: _Programmes, mine: Bool[np.ndarray, " b"], phi: Float[np.ndarray, "#m pressures k order"]
 ) -> Float[np.ndarray, "m pressures k n"]:
-    """Return the rows of phi_n for the unknowns of some programmes."""
+    """Return the rows of phi_n for the unknowns of the selected programmes."""
     rows = phi[..., None] * given.basis[mine][:, :, None, None, :]
     return rows.reshape(*rows.shape[:3], given.used.shape[1]) * given.used[mine][:, None, None]
 

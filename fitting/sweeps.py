@@ -1,4 +1,4 @@
-"""Fit all combinations of order, pressure dependence and constraint at one geometry."""
+"""Fit all combinations of order, pressure dependence and constraint for one geometry."""
 
 import dataclasses
 import math
@@ -20,10 +20,10 @@ from .sweep_fits import Design, LinearMuscle, fits_of
 OBJECTIVES = ("sum_of_squares", "mean_rmse")
 
 FEASIBLE = 1e-9
-"""Violation of a constraint, relative to the largest coefficient, that counts as rounding."""
+"""Violation of a constraint, relative to the largest coefficient, that counts as rounding error."""
 
 _HIGHEST_ORDER = 4
-"""Above it the tangent modulus is not a cubic, so its constraint would not be exact."""
+"""Highest order for which the tangent modulus is a cubic, so that its constraint is exact."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -31,7 +31,7 @@ class SweepRow:
     """One fit in a sweep, in SI.
 
     Attributes:
-        dependence, order, constraint: form of the law.
+        dependence, order, constraint: options of the law.
         n_coefficients: number of coefficients.
         coefficients: E_n [Pa] at each pressure, shape (pressures, order).
         objective: minimum of the objective: half the sum of squares, or the mean RMSE.
@@ -39,13 +39,13 @@ class SweepRow:
         rmse_by_pressure, mae_by_pressure: the same at each pressure [N].
         blocked_error: mean over pressures of |model - measured| blocked force [N].
         blocked_error_by_pressure: model minus measured blocked force [N].
-        free_contraction_error: mean of |model - measured| [-] over pressures with both values, or nan.
+        free_contraction_error: mean of |model - measured| [-] over pressures with both values; nan if none.
         free_contraction_error_by_pressure: model minus measured [-]; nan if the model's force does not
-            fall to zero, or the measured force does not come close to it.
+            fall to zero, or the measured force does not come close to zero.
         bic: Bayesian information criterion for independent normal errors and unconstrained coefficients.
-        cross_validated_rmse: RMSE [N] at held-out pressures; nan if the form cannot predict them.
+        cross_validated_rmse: RMSE [N] at held-out pressures; nan if the law cannot predict other pressures.
         margin: smallest modulus along the actuation paths [Pa]; Drucker-stable when >= 0.
-        kkt_residual, duality_gap: certificate.
+        kkt_residual, duality_gap: certificate of optimality.
         status: status of the solver.
         verdict: "stable", "not stable", or the reason why there is no fit.
     """
@@ -83,7 +83,7 @@ class Sweep:
     """Result of `sweep`.
 
     Attributes:
-        rows: all fits, by dependence, order and constraint.
+        rows: all fits, in the order of dependence, order and constraint.
         pressures: pressure levels of the force map [Pa].
     """
 
@@ -113,8 +113,8 @@ def sweep(
         deadband: P_d [Pa].
         terms: fixed force terms in addition to braid and bladder.
         orders: orders of the law, 1 to 4.
-        dependences: dependences of the coefficients on pressure: "fixed", "linear" and "free".
-        constraints: constraints: "none", "positive", "slope" and "drucker".
+        dependences: how the coefficients depend on pressure: any of "fixed", "linear" and "free".
+        constraints: constraints on the coefficients: any of "none", "positive", "slope" and "drucker".
         objective: "sum_of_squares", or "mean_rmse" over pressures, as in the reference work.
 
     Returns:
@@ -130,7 +130,9 @@ def sweep(
     check_float64()
     check_maps(data)
     if not isinstance(geometry, famjax.geometries.AbstractGeometry):
-        raise InputError(f"a sweep needs a geometry with all dimensions, got {shown(geometry)}")
+        raise InputError(
+            f"a sweep needs a famjax geometry with all dimensions, got {shown(geometry)}"
+        )
     if not (is_number(deadband) and 0 <= deadband < math.inf):
         raise InputError(f"the deadband must be a gauge pressure [Pa] >= 0, got {shown(deadband)}")
     if isinstance(orders, str) or not isinstance(orders, Iterable) or not tuple(orders):
@@ -155,7 +157,7 @@ def _named(what: str, given: Sequence[str], known: Sequence[str]) -> tuple[str, 
     """Return the given options in their standard order."""
     strange = [value for value in given if value not in known]
     if strange or not given:
-        raise InputError(f"{what} must be among {', '.join(known)}; got {strange or 'none'}")
+        raise InputError(f"{what} must be chosen from {', '.join(known)}; got {strange or 'none'}")
     return tuple(value for value in known if value in given)
 
 
@@ -208,7 +210,7 @@ def _end_errors(
 
     The measured blocked force is the mean of the readings at rest. The measured free contraction is
     extrapolated by a line through the readings below a tenth of the largest force, or at the two shortest
-    lengths. Each is nan if it was not measured.
+    lengths. Each difference is nan if the quantity was not measured.
     """
     muscle, rest = of.muscle, of.muscle.rest_length
     # Search up to twice the largest measured contraction.

@@ -1,7 +1,7 @@
 """Refit a model repeatedly: cross-validation, profile likelihood, bootstrap.
 
-Levels of pressure or length, or specimens, are left out in turn; a parameter is held away from its
-optimum; readings are resampled. All refits of one task run together.
+Cross-validation leaves out pressures, lengths or specimens in turn. A likelihood profile holds a parameter
+away from its optimum. The bootstrap resamples the residuals. All refits of one task run together.
 """
 
 import dataclasses
@@ -21,7 +21,7 @@ from .result import Estimate, Identification, check_identified
 from .search import End, descend_from, latin_hypercube
 
 _QUICK: dict[str, Any] = {"max_steps": 30, "tolerance": 1e-5, "promise": 1e-6}
-"""Looser settings, sufficient for a prediction."""
+"""Looser settings of a descent, sufficient to predict held-out readings."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -29,10 +29,10 @@ class LeftOut:
     """Prediction errors on held-out readings.
 
     Attributes:
-        groups: kind of the groups: "pressure", "length" or "specimen".
+        groups: what a group consists of: one or more levels of "pressure" or "length", or a "specimen".
         level: level of each reading [Pa or m], or the number of its specimen, shape (points,).
         group: number of each reading's group, shape (points,).
-        error: prediction minus reading [N] with its group left out, shape (points,).
+        error: prediction minus reading [N], with the reading's group left out, shape (points,).
     """
 
     groups: str
@@ -42,7 +42,7 @@ class LeftOut:
 
     @property
     def values(self) -> Float[np.ndarray, " groups"]:
-        """Level of each group; the mean level if it has several."""
+        """Level of each group; the mean level if the group has several."""
         return levels_of_groups(self.level, self.group)
 
     @property
@@ -96,15 +96,15 @@ def validate(
     starts: int = 4,
     progress: Callable[[int, int], None] | None = None,
 ) -> LeftOut:
-    """Cross-validate an identification by pressures or lengths.
+    """Cross-validate an identification by leaving out pressures or lengths.
 
     Each group is left out in turn: all identified parameters are identified again from the other groups,
     starting from the optimum and from other points, and the group is predicted.
 
     Args:
         result: from `identify`, or any result of `identify_together`, which represents all of them.
-        groups: kind of groups to leave out.
-        starts: descents for each group, including one from the optimum of all readings.
+        groups: what to leave out, "pressure" or "length".
+        starts: number of descents for each group, including one from the optimum for all readings.
         progress: called with (descents done, total).
 
     Raises:
@@ -114,10 +114,10 @@ def validate(
     check_whole("starts", starts, 1)
     problem = result.problem
     if groups not in ("pressure", "length"):
-        raise InputError(f"groups must be one of pressure, length, got {groups!r}")
+        raise InputError(f"groups must be 'pressure' or 'length', got {groups!r}")
     if _group_of_each(problem, groups, None, 2) is None:
         raise InputError(
-            f"leaving out one {groups} requires at least two {groups}s, but there is only 1"
+            f"leaving out one {groups} requires at least two {groups}s, but there is only one"
         )
     (found,) = leave_out_each(
         [(problem, result.end.u)], {groups: (None, starts)}, seed=result.seed + 1, settled=True,
@@ -135,9 +135,9 @@ def leave_out_each(
     least: int = 3,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[dict[str, LeftOut]]:
-    """Leave out each group of several fits in turn, with all refits in one batch.
+    """Leave out each group in turn in several fits, with all refits in one batch.
 
-    A long map is represented by a part of its readings.
+    A long map is represented by a sample of its readings.
 
     Args:
         fits: problems and their optima in the unit box, from which every refit starts.
@@ -145,12 +145,12 @@ def leave_out_each(
             for one level each, up to `MOST_APART`), and the number of descents of each refit, including
             the one from the optimum.
         seed: random seed of the other starts.
-        settled: if true, refits converge fully, as needed to compare nearly identical families.
+        settled: True to let refits converge fully, as needed to compare nearly identical families.
         least: minimum number of levels; a single remaining level is not informative.
         progress: called with (descents done, total).
 
     Returns:
-        Errors of each fit by kind, excluding kinds with too few levels or only one specimen.
+        Errors of each fit, keyed by kind, without kinds that have too few levels or only one specimen.
     """
     problems, starts = [], []
     places: list[tuple[int, str, np.ndarray, int]] = []
@@ -186,7 +186,7 @@ def groups_of(problem: Problem, kind: str) -> int | None:
 def _group_of_each(
     problem: Problem, kind: str, groups: int | None, least: int
 ) -> Int[np.ndarray, " points"] | None:
-    """Return the group of every reading; -1 for a censored one at a level with only censored readings.
+    """Return the group of every reading; -1 for a reading at a level with only censored readings.
 
     The result is None if there are fewer than `least` levels, or only one specimen.
     """
@@ -208,7 +208,7 @@ def best_ends(
 
     Args:
         problems: problems with changed readings, weights or bounds.
-        starts: starting points of each, in the unit box of its free parameters.
+        starts: starting points for each problem, in the unit box of its free parameters.
         progress: called with (descents done, total).
         **settings: see `descend_many`.
     """
@@ -219,7 +219,7 @@ def best_ends(
 
 
 def force_error(problem: Problem, end: End) -> Float[np.ndarray, " points"]:
-    """Return model minus reading [N] at every reading, independent of its weight."""
+    """Return model minus reading [N] at every reading, regardless of its weight."""
     return end.point.force - problem.force
 
 
@@ -233,7 +233,7 @@ class Profile:
 
     Attributes:
         name: name of the parameter.
-        values: values at which it was held [SI], ascending, including the optimum.
+        values: values at which the parameter was held [SI], ascending, including the optimum.
         excess: increase of the sum of squares above the optimum in units of the noise variance. It
             follows chi-squared with one degree of freedom if the model is right; nan if no fit was found,
             for example beyond a constraint.
@@ -242,7 +242,7 @@ class Profile:
         verdict: "identified" (closed at 95 %), "one-sided", "flat" (open on both sides), "stopped by a
             bound" (the optimum is at a bound), or "stopped by a constraint" (no feasible fit exists beyond
             the values on an open side).
-        kind: kind of unit.
+        kind: type of unit, such as "length" or "pressure".
     """
 
     name: str
@@ -299,7 +299,7 @@ def _profile(result: Identification, estimate: Estimate, points: int) -> Profile
     (optimum,) = _costs(result, estimate.name, np.array([estimate.value]))
     variance = 2 * optimum / max(result.degrees_of_freedom, 1)
     if not variance > 0:
-        raise InputError("a fit without residuals has no likelihood to profile")
+        raise InputError("all residuals of the fit are zero, so there is no likelihood to profile")
 
     reach = 3.0 * estimate.stderr
     if not np.isfinite(reach):
@@ -307,7 +307,7 @@ def _profile(result: Identification, estimate: Estimate, points: int) -> Profile
         reach = 0.1 * (span if np.isfinite(span) else np.abs(result.coefficients).max())
 
     def side(sign: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return values from the optimum outwards and their excess, up to significance or a bound."""
+        """Return values outwards from the optimum, to a significant excess or a bound, and the excess."""
         values, excess = np.array([estimate.value]), np.zeros(1)
         for times in 2.0 ** np.arange(4):
             end = np.clip(estimate.value + sign * times * reach, estimate.min, estimate.max)
@@ -354,7 +354,7 @@ def _crossing(values: np.ndarray, excess: np.ndarray, sign: int) -> float:
     """Return the value at which the excess first exceeds `QUANTILE_95`, from its interpolated root.
 
     The root is interpolated linearly. The value is infinite, with the sign of the side, if the excess stays
-    below until the values or the fits end.
+    below `QUANTILE_95` until the values or the fits end.
     """
     # Values beyond the first failed fit are ignored.
     known = np.cumsum(np.isnan(excess)) == 0
@@ -434,7 +434,8 @@ def bootstrap(
     good = np.array([end.converged for end in ends]) & np.isfinite(samples).all(axis=1)
     if good.sum() < 2:
         raise InputError(
-            f"only {good.sum()} of {replicates} replicates converged: fix a poorly determined parameter"
+            f"at least 2 of the {replicates} replicates must converge, but {good.sum()} did: fix a poorly "
+            "determined parameter"
         )
     return Bootstrap(
         names=tuple(problem.names[k] for k in problem.free) + result.coefficient_names,

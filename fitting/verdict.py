@@ -59,8 +59,8 @@ class Judgement:
         level: the verdict.
         reasons: sentences, most serious first; empty for "identified".
         suspicions: faults in the data that would explain a misfit.
-        unchecked: a sentence on what could not be checked for lack of specimen data, or "". A fit with an
-            unknown rest length is at best doubtful.
+        unchecked: a sentence about what could not be checked for lack of specimen data, or "". A fit with
+            an unknown rest length is at best "identified with doubts".
     """
 
     level: str
@@ -100,7 +100,7 @@ def judge(
         result: the fit.
         suspicions: from `suspect`.
         left_out: held-out errors by "pressure" and "length", if known.
-        open_question: a sentence on models that fit equally well but differ, or "".
+        open_question: a sentence about models that fit equally well but disagree, or "".
     """
     largest = result.errors.max_force
     misfit = 100 * result.counted_rmse / largest
@@ -108,14 +108,17 @@ def judge(
     if not misfit <= POOR:
         grave = not misfit <= 5.0
         remedy = "; check units, signs and columns, and the rest length, bore and wall" * grave
-        sentence = f"The model misses the readings by {misfit:.3g} % of the largest force{remedy}."
+        sentence = (
+            f"The RMS deviation of the model from the readings is {misfit:.3g} % of the largest "
+            f"force{remedy}."
+        )
         found.append(Remark(1 + grave, sentence))
     found += remarks(result)
     data, doubts = result.data, list[str]()
     if np.unique(data.pressures.level[data.loaded]).size == 1:
         doubts.append(
-            "All loaded readings are at one pressure: they do not separate the deadband from diameter and "
-            "angle, and forces at other pressures rely on the model alone. Measure at two or more "
+            "All loaded readings are at one pressure, so they cannot separate the deadband from diameter "
+            "and angle, and forces at other pressures rely on the model alone. Measure at two or more "
             "pressures."
         )
     doubts += _of_residuals(result, misfit) + _of_left_out(left_out or {}, largest)
@@ -126,8 +129,8 @@ def judge(
 
 _CHECKS = {
     "rest_length": "the rest length (taken from the longest reading)",
-    "nominal_diameter": "the bore (a wrong unit of force or pressure may look like another size)",
-    "wall_thickness": "the wall (it scales the coefficients, but not the force)",
+    "nominal_diameter": "the bore (a wrong unit of force or pressure may look like a different bore)",
+    "wall_thickness": "the wall thickness (it scales the coefficients, but not the force)",
     "bladder_diameter": "the position of the braid (assumed inside the wall)",
 }
 """Consequences of assumed specimen data, most serious first."""
@@ -145,7 +148,7 @@ def _of_left_out(left_out: Mapping[str, LeftOut], max_force: float) -> list[str]
         if missed > 0.05 * max_force:
             found.append(
                 Sentence(
-                    *(f"When the {kind} ", Quantity(float(one.values[worst]), kind)),
+                    *(f"When the {kind} of ", Quantity(float(one.values[worst]), kind)),
                     " is left out, its readings are predicted with an error of ",
                     Quantity(missed, "force", 3),
                     f" ({100 * missed / max_force:.2g} % of the largest force): the {kind}s are "
@@ -172,8 +175,8 @@ def _of_residuals(result: Identification, misfit: float) -> list[str]:
     if deviation < -3.0:
         found.append(
             "The residuals keep their sign from reading to reading (the number of sign changes is "
-            f"{-deviation:.2g} standard deviations below its expected value): the model or a length is off "
-            "by more than the noise."
+            f"{-deviation:.2g} standard deviations below its expected value): the model, or a length, is "
+            "wrong by more than the noise."
         )
     return found
 
@@ -182,7 +185,7 @@ def judge_series(specimens: Sequence[Identification], left_out: LeftOut) -> Judg
     """Judge one model of several muscles that differ in length.
 
     Specimens of one make differ by more than the misfit of a single muscle, so the limits are wider than in
-    `judge`. The verdict reports how much they differ, and the bands include the difference.
+    `judge`. The verdict states how much the specimens differ, and the bands include the difference.
 
     Args:
         specimens: identification of each specimen, with shared parameters.
@@ -191,7 +194,9 @@ def judge_series(specimens: Sequence[Identification], left_out: LeftOut) -> Judg
     first = specimens[0]
     missed = {one.data.specimen.name: one.errors.rmse_percent for one in specimens}
     worst = max(missed, key=missed.__getitem__)
-    said = f"their common model misses {worst} by {missed[worst]:.3g} % of that specimen's largest force"
+    said = (
+        f"the RMSE of their common model is {missed[worst]:.3g} % of the largest force for {worst}"
+    )
     found = [] if first.converged else [one for one in remarks(first) if one.level == 2]
     if not missed[worst] <= 15.0:
         remedy = (
@@ -201,7 +206,7 @@ def judge_series(specimens: Sequence[Identification], left_out: LeftOut) -> Judg
     elif missed[worst] > POOR:
         most = int(left_out.group_rmse.argmax())
         other = (
-            f"; when predicted from the others, {specimens[most].data.specimen.name} is missed by "
+            f"; the prediction of {specimens[most].data.specimen.name} from the others is off by "
         )
         error = Quantity(float(left_out.group_rmse[most]), "force", 3)
         included = ". A new muscle may differ by as much; its prediction band allows for this."

@@ -1,8 +1,8 @@
-"""Measure the shape D(z) of a muscle in photographs, each value with its error.
+"""Measure the shape D(z) of a muscle in photographs, with a standard error for each value.
 
 Picture coordinates [px]: u to the right, v downwards, pixel centres at integers. World coordinates [m]:
 camera at the origin, X to the right, Y downwards, Z away from the camera. `z` runs along the muscle
-from the edge of the upper tape; the length L is measured between the inner edges of the two tapes.
+from the inner edge of the upper tape; the length L is the distance between the inner edges of both tapes.
 Start with `measure` (one picture) or `process` (many).
 """
 

@@ -1,4 +1,4 @@
-"""Camera model: pinhole with radial distortion, scale, tone curve, and inversion of a silhouette."""
+"""Camera model (pinhole with radial distortion), scale, tone curve, and inversion of a silhouette."""
 
 import dataclasses
 import functools
@@ -11,19 +11,19 @@ from scipy.ndimage import correlate1d
 from .errors import ImagingError, NoMuscle
 
 Array = NDArray[np.float64]
-"""Positions, brightness values, errors."""
+"""Array of positions, brightness values or errors."""
 
 Single = NDArray[np.float32]
-"""Single precision, used for whole pictures and large sets of windows."""
+"""Array in single precision, used for whole pictures and large sets of windows."""
 
 Image = NDArray[np.uint8]
 """A picture: RGB with shape (h, w, 3), or one value per pixel with shape (h, w)."""
 
 Flags = NDArray[np.bool_]
-"""Boolean masks."""
+"""Boolean mask."""
 
 Indices = NDArray[np.int64]
-"""Picture rows and mark numbers."""
+"""Array of picture rows or mark numbers."""
 
 
 _NEWTON_STEPS = 6  # quadratic from an error of k1 r^2, at most a few percent
@@ -55,7 +55,7 @@ class Camera:
     k1: float = 0.0
 
     def moved(self, distance: float) -> "Camera":
-        """Return the same camera at another distance [m]."""
+        """Return the same camera at a different distance [m]."""
         further = distance / self.distance
         # k1 depends on the angle, and the same picture now covers a different angle.
         return dataclasses.replace(self, distance=distance, k1=self.k1 * further**2)
@@ -79,7 +79,7 @@ class Camera:
         return np.asarray(x * factor, float), np.asarray(y * factor, float)
 
     def pixels(self, X: ArrayLike, Y: ArrayLike, Z: ArrayLike) -> tuple[Array, Array]:
-        """Return the picture positions (u, v) [px] of points X, Y, Z [m], Z > 0, broadcast shape."""
+        """Return the picture positions (u, v) [px] of the points X, Y, Z [m], Z > 0, broadcast shape."""
         x, y = np.asarray(X, float) / Z, np.asarray(Y, float) / Z
         f = self.focal_px * (1 + self.k1 * (x**2 + y**2))
         return np.asarray(self.centre[0] + f * x, float), np.asarray(self.centre[1] + f * y, float)
@@ -98,9 +98,10 @@ def ring_position(
 ) -> Array:  # fmt: skip
     """Return the axial position y [m] of a ring of known radius seen at picture position u, v.
 
-    A straight edge around a cylinder, such as a tape's, is part of a circle and appears as an arc. For a
-    1.4 in muscle, 4.6 in above the optical axis and 60 in away, the arc's middle lies 0.055 in further
-    out than its ends. y = b Z, where Z is the smaller root of (a Z - x0)^2 + (Z - d)^2 = R^2.
+    The straight edge of a tape around a cylinder is a circle, of which the picture shows an arc. For a
+    muscle with a diameter of 1.4 in, 4.6 in above the optical axis and 60 in away, the middle of the arc is
+    0.055 in further from the optical axis than its ends. y = b Z, where Z is the smaller root of
+    (a Z - x0)^2 + (Z - d)^2 = R^2.
 
     Args:
         camera: camera.
@@ -127,15 +128,15 @@ class Scale:
 
     Attributes:
         px_per_m: scale [px/m], > 0.
-        stderr: standard error of the scale [px/m], >= 0. It includes the error of the ruler's distance from
-            the muscle's plane, which the picture does not show, only if `placement_stderr` was stated.
+        stderr: standard error of the scale [px/m], >= 0. The picture does not show how far the ruler is
+            from the plane of the muscle's axis; this error is included if `placement_stderr` was stated.
         tilt_deg: tilt of the ruler in depth [deg].
         residual_px: RMS deviation of the marks from the fit [px].
         marks: number of marks used.
         source: "ruler" or "manual".
         k1: radial distortion of the lens estimated from the ruler's marks; 0 if not significant.
         k1_stderr: standard error of k1; None if it was not estimated.
-        pitch: spacing of the ruler's marks [m]; None without a ruler.
+        pitch: spacing of the ruler's marks [m]; None if no ruler was used.
         placement_stderr: stated standard error of the ruler's position in depth [m], or None.
 
     Raises:
@@ -178,10 +179,11 @@ _DARKEST = -0.5
 
 @dataclasses.dataclass(frozen=True)
 class Tone:
-    """Linear light for each 8-bit value, assumed the same for all three colours.
+    """A camera's tone curve: linear light for each 8-bit value, assumed equal for all three colours.
 
-    Edges are located in linear light, because in encoded values they move with the brightness of the
-    lamps. A wrong tone curve shifts each edge by up to 0.8 px: set the camera to a neutral picture style.
+    Edges are located in linear light, because edges located in encoded values move with the brightness of
+    the lamps. A wrong tone curve shifts each edge by up to 0.8 px: set the camera to a neutral picture
+    style.
 
     Attributes:
         table: linear light for the values 0 to 255, non-decreasing, 1 at 255, shape (256,).
@@ -197,7 +199,7 @@ class Tone:
         sound = table.shape == (256,) and np.isfinite(table).all()
         if not sound or np.diff(table).min() < 0 or not table[-1] > table[0]:
             raise ImagingError(
-                "a tone curve must have 256 finite values that increase and never decrease"
+                "a tone curve must have 256 finite values that never decrease and are not all equal"
             )
         table = table / table[-1]
         table.setflags(write=False)
@@ -227,12 +229,12 @@ class Tone:
 
 
 def amount_of_luma(tone: Tone, background: Array, muscle: Array) -> Single:
-    """Return the amount q of muscle for each value of luma, which JPEG stores at full resolution.
+    """Return the amount q of muscle for each luma value; JPEG stores luma at full resolution.
 
     A pixel with a fraction q of muscle and 1 - q of background has the light b + q (a - b) in each
-    colour. The weighted sum of the three encoded values is monotonic in q and is inverted here. For a
-    muscle darker than the background, q is 1 where one of the colours vanishes, because its limb can be
-    darker than the rest.
+    colour. The weighted sum of the three encoded values is monotonic in q and is inverted here. If the
+    muscle is darker than the background, q is 1 where one of the colours vanishes, because the limb can be
+    darker than the rest of the muscle.
 
     Args:
         tone: tone curve of the camera.
@@ -240,7 +242,7 @@ def amount_of_luma(tone: Tone, background: Array, muscle: Array) -> Single:
         muscle: linear light a of the muscle, shape (3,).
 
     Returns:
-        q for the values 0 to 255: 0 on the background, at most 1.6; shape (256,).
+        q for luma values 0 to 255: 0 on the background, at most 1.6; shape (256,).
     """
     values, falls, least, most = np.arange(256.0), background - muscle, -np.inf, _BRIGHTEST
     if float(falls @ LUMA) > 0:
@@ -281,7 +283,7 @@ class Silhouette:
     roll: float
 
     def radius_at(self, y: ArrayLike) -> Array:
-        """Return R [m] at y [m]: by a cubic spline, extrapolated beyond either end by a parabola."""
+        """Return R [m] at y [m] from a cubic spline, extended beyond each end by a parabola."""
         y = np.asarray(y, float)
         radius = CubicSpline(self.y, self.radius)(y)
         for rows, beyond in (
@@ -297,12 +299,12 @@ class Silhouette:
 def profile_from_silhouette(
     camera: Camera, rows: ArrayLike, left: ArrayLike, right: ArrayLike
 ) -> Silhouette:
-    """Return the body of revolution with this outline, by exact inversion of perspective, roll and lens.
+    """Return the body of revolution with this outline, inverting perspective, roll and distortion exactly.
 
     beta is the angle between a ray and the direction alpha of the axis, and psi = asin((R - R' y) / rho):
     R = rho sin(beta) / cos(psi - beta), y = b (d - R sin(psi +- alpha)), b = Y/Z of the rotated ray.
-    Both sides are solved separately and interpolated to common positions y, so that the roll causes no
-    bias. alpha and the roll are chosen so that the two sides agree.
+    Each side is solved separately, and both are interpolated to common positions y, so that the roll
+    causes no bias. alpha and the roll are chosen so that the two sides agree.
 
     Args:
         camera: camera, including the distortion k1.
@@ -345,7 +347,7 @@ def profile_from_silhouette(
 
 
 def _rises(values: Array) -> Array:
-    """Return the rise per row, from quartic Savitzky-Golay filters, shape (2, n)."""
+    """Return the slopes per row from quartic Savitzky-Golay filters, shape (2, n)."""
     # `scipy.signal.savgol_filter` does the same, but takes half a second to import.
     points = min(_SLOPE_WINDOW, values.shape[1] - 1 + values.shape[1] % 2)
     rates, half = _rates(points), points // 2

@@ -1,4 +1,4 @@
-"""Measure many photographs into one table, with worker processes, resuming, CSV and NetCDF."""
+"""Measure many photographs in worker processes, and collect the results in a CSV or NetCDF table."""
 
 import dataclasses
 import functools
@@ -45,7 +45,7 @@ _PROFILES = "diameter", "diameter_stderr", "braid_angle", "braid_angle_stderr"
 _LENGTHS = "length", "mean_diameter", "max_diameter", "x0", "distance", "bow", "displacement"
 _KINDS = dict.fromkeys(_LENGTHS, "length") | {"time": "time", "log_time": "time"}
 _KINDS |= {kind: kind for kind in ("volume", "force", "pressure")}
-"""Kind of unit for each column; all other names include their unit."""
+"""Kind of unit for each column; the names of all other columns include their unit."""
 _BLANK: dict[str, Any] = {
     "error": "", "warnings": "", "braid_refusal": "", "numbers": {}, "seconds": math.nan,
     "resolution": math.nan, **dict.fromkeys(_PROFILES, (math.nan,) * POSITION.size),
@@ -54,7 +54,7 @@ _BLANK: dict[str, Any] = {
 
 
 def column_unit(name: str, system: str) -> tuple[str, str, float]:
-    """Return the name of a column in a file, its unit, and the factor to SI.
+    """Return the name of a column in a file, its unit, and the conversion factor to SI.
 
     >>> [column_unit(name, "metric")[0] for name in ("length", "px_per_m", "roll_deg")]
     ['length_mm', 'px_per_mm', 'roll_deg']
@@ -69,17 +69,17 @@ def column_unit(name: str, system: str) -> tuple[str, str, float]:
 
 
 def measured_row(path: str, recipe: Recipe) -> dict[str, Any]:
-    """Measure a picture and return its row, even if it could not be measured.
+    """Measure a picture and return its row, even if the measurement fails.
 
     Args:
         path: path of the picture.
         recipe: measurement settings.
 
     Returns:
-        A row for JSON, without entries that do not apply. `error` is "ClassName: message", and `numbers`
-        are the columns in SI. `diameter`, `diameter_stderr` [m], `braid_angle` and `braid_angle_stderr`
-        [deg] are profiles at `POSITION`. `seconds` since 1970 and `resolution` [s] give the time stamp.
-        `warnings` and `braid_refusal` are sentences.
+        A row that can be stored as JSON; entries that do not apply are omitted. `error` is "ClassName:
+        message", and `numbers` are the columns in SI. `diameter`, `diameter_stderr` [m], `braid_angle` and
+        `braid_angle_stderr` [deg] are profiles at `POSITION`. `seconds` since 1970 and `resolution` [s]
+        are those of the time stamp. `warnings` and `braid_refusal` are sentences.
     """
     import cv2  # noqa: PLC0415 -- 0.1 s, and only workers need it
 
@@ -145,19 +145,21 @@ class Table:
         path: path of each of the n pictures.
         error: "ClassName: message" for each picture, empty if it was measured.
         warnings: warnings for each picture, empty if there are none.
-        columns: numbers by name, each of shape (n,); nan if not available. `time` counts from the first
+        columns: numbers by name, each of shape (n,); nan if not available. `time` is counted from the first
             picture with a time stamp, `contraction` is (rest length - length) / rest length, `x0` is the
-            distance of the axis from the optical axis, `tilt_deg` the tilt of the axis in depth, `bow` the
-            largest deviation of the mid-line from a straight line, `yarns` the number around the
-            circumference in each direction. `Quality` describes the quality figures.
+            distance of the muscle's axis from the optical axis, `tilt_deg` is the tilt of the axis in
+            depth, `bow` is the largest deviation of the mid-line from a straight line, and `yarns` is the
+            number of yarns around the circumference in each direction. `Quality` describes the quality
+            figures.
         diameter: diameter at z/L = `POSITION`, shape (n, 201) [m].
         diameter_stderr: standard error of the diameter, shape (n, 201) [m].
         braid_angle: braid angle at z/L = `POSITION`, shape (n, 201) [deg]; nan where it is not resolved,
             as next to the tapes, or not requested.
         braid_angle_stderr: standard error of the braid angle, shape (n, 201) [deg].
-        rest_length: rest length for the contraction [m]; nan if no picture was measured.
-        time_origin: time on the camera's clock at which `time` is zero [s since 1970]; nan without stamps.
-        stamp_resolution: largest step of the time stamps [s]; nan without stamps.
+        rest_length: rest length used for the contraction [m]; nan if no picture was measured.
+        time_origin: time on the camera's clock at which `time` is zero [s since 1970]; nan if there are no
+            time stamps.
+        stamp_resolution: largest step of the time stamps [s]; nan if there are no time stamps.
         notes: notes for the reader.
         provenance: version, recipe, sources and their hashes.
     """
@@ -196,8 +198,8 @@ class Table:
 
         Args:
             rows: rows of the pictures, see `measured_row`; only `path` is required.
-            scale_relative_stderr: relative standard error of px/m. It is common to all lengths and cancels
-                in the contraction if the rest length is one of them.
+            scale_relative_stderr: relative standard error of px/m. It is common to all lengths, and cancels
+                in the contraction if the rest length is one of the measured lengths.
             rest_length: L0 [m]; None for the longest measured length.
             provenance: see `Table`.
         """
@@ -219,7 +221,7 @@ class Table:
         )  # fmt: skip
 
     def rows(self, system: str = "us") -> list[dict[str, Any]]:
-        """Return one row per picture, with units in the names of numbers; None if not available.
+        """Return one row per picture, with units in the column names; missing numbers are None.
 
         Args:
             system: "us", "metric" or "si".
@@ -238,7 +240,7 @@ class Table:
         ]
 
     def csv_text(self, system: str = "us") -> str:
-        """Return `rows` as CSV; an empty cell means that there is no value."""
+        """Return `rows` as CSV text; the cells of missing values are empty."""
         return csv_text([row | {"ok": str(row["ok"]).lower()} for row in self.rows(system)])
 
     def to_xarray(self) -> "xarray.Dataset":
@@ -285,9 +287,13 @@ def _contract(
     columns: dict[str, np.ndarray], scale_relative_stderr: float, rest_length: float | None, rows:
     Sequence[Mapping[str, Any]],
 ) -> tuple[float, str]:  # fmt: skip
-    """Set contraction and its error; return the rest length and a note on its source."""
+    """Set the contraction and its error; return the rest length and a note on its source."""
     length, stderr = columns["length"], columns["length_stderr"]
-    rest, source, relative = rest_length or math.nan, "stated and taken as exact", stderr / length
+    rest, source, relative = (
+        rest_length or math.nan,
+        "stated and assumed to be exact",
+        stderr / length,
+    )
     if rest_length is None and np.isnan(length).all():
         source = "which is undefined because no picture was measured"
     elif rest_length is None:
@@ -319,17 +325,18 @@ def process(
     executor: Any = "auto", progress: Callable[[int, int], None] | None = None, *,
     rest_length: float | None = None, provenance: Mapping[str, str] | None = None,
 ) -> Table:  # fmt: skip
-    """Measure the shape in each picture; if that is not possible, the picture's row gives the reason.
+    """Measure the shape in each picture; if a picture cannot be measured, its row states the reason.
 
     Each finished row is saved in `output/parts`. A campaign that was stopped or killed resumes with the
-    remaining pictures if the pictures and the recipe are unchanged.
+    remaining pictures, provided that the pictures and the recipe are unchanged.
 
     Args:
         paths: paths of the pictures, all of one size; duplicates are measured once.
         recipe: measurement settings, the same for all pictures.
         output: folder for the finished rows, created if missing; None keeps them in memory.
         executor: number of processes, None for this process, or an executor, see `run_tasks`; its workers
-            need access to the files. "auto" uses one process per core, and this process for few pictures.
+            need access to the files. "auto" uses one process per core, or only this process if there are
+            few pictures.
         progress: called with (pictures done, pictures).
         rest_length: L0 [m] for the contraction; None for the longest measured length.
         provenance: further entries of the table's provenance.
@@ -338,7 +345,7 @@ def process(
         The table, with rows in the order of the paths.
 
     Raises:
-        ImagingError: there are no paths, or the folder cannot be used.
+        ImagingError: there are no paths, or the output folder cannot be used.
         MixedSizes: the pictures differ in size; nothing was measured.
         InputError: the executor cannot be used, or a worker died; finished rows are kept.
     """
@@ -382,7 +389,7 @@ def common_size(paths: Sequence[str]) -> tuple[int, int] | None:
     others = [f"{path} ({w} x {h})" for path, (w, h) in sizes.items() if (w, h) != usual]
     if others:
         raise MixedSizes(
-            "the pictures of a campaign must have the same size, because they share one scale; "
+            "all pictures in a campaign must be the same size, because they share one scale; "
             f"{most} have {usual[0]} x {usual[1]} px, unlike {some_of(others)}. Measure those separately"
         )
     return usual

@@ -1,6 +1,6 @@
-"""`famjax measure` and its options.
+"""The `famjax measure` command and its options.
 
-The application that mounts the command supplies the reader for test-machine logs.
+The application that registers the command supplies the function that reads test-machine logs.
 """
 
 import dataclasses
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from .recipe import Recipe
 
 AddLog = Callable[["Table"], "Table"]
-"""A function that adds columns from a test machine's log to a table."""
+"""Function that adds columns from a test machine's log to a table."""
 
 _SHOWN = 20  # pictures listed on the console
 _PRINTED = re.compile(r"path|error|(length|mean_diameter|distance)(_stderr)?_(in|mm|m)")
@@ -42,35 +42,39 @@ _PRINTED = re.compile(r"path|error|(length|mean_diameter|distance)(_stderr)?_(in
 @Parameter(name="*")
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RecipeOptions:
-    """Recipe entries set by command-line options; None if not given.
+    """Recipe entries set on the command line; an entry is None if its option is not used.
 
     Parameters
     ----------
     ruler
         Photograph of a ruler in the plane of the muscle's axis, taken with the same camera.
     distance
-        Distance from camera to muscle, with its unit. If omitted, it is estimated, with its error, from
-        the curvature of the tape edges.
+        Distance from the camera to the muscle, with its unit. If omitted, the distance and its standard
+        error are estimated from the curvature of the tape edges.
     pitch
-        Spacing of the ruler's marks. If omitted, it is inferred from the number of marks between numerals.
+        Spacing of the finest marks on the ruler, such as `0.125in`. If omitted, it is inferred from the
+        number of marks between numerals.
     ruler_placement
-        Standard error of the ruler's distance from the plane of the muscle's axis, `0.01in`. A picture
-        does not show this distance; its error contributes to the error in every result.
+        Standard error of the distance between the ruler and the plane of the muscle's axis, such as
+        `0.01in`. The picture does not show this distance, and its error affects every result.
     crop_offset
-        Position of the cropped pictures' first pixel in the camera frame, column and row: `1459,531`.
+        Column and row of the cropped pictures' first pixel in the uncropped camera frame, such as
+        `1459,531`.
     frame_size
-        Width and height of the uncropped camera frame, `5568,3712`.
+        Width and height of the uncropped camera frame in pixels, such as `5568,3712`.
     scale
-        Scale in the plane of the muscle's axis, instead of a ruler: `"226.63+-0.02 px/in"`.
+        Known scale in the plane of the muscle's axis, used instead of a ruler, such as
+        `"226.63+-0.02 px/in"`.
     k1
         Radial distortion coefficient of the lens. If omitted, it is estimated from the ruler's marks.
     tone
-        Use srgb if the camera's picture style is neutral, with contrast and sharpening off. If omitted,
-        the errors allow for other picture styles.
+        Use srgb if the camera was set to a neutral picture style, with contrast and sharpening off. If
+        omitted, the standard errors allow for other picture styles.
     tape_diameter
         Known diameter of the tapes on the fittings, used to check the scale.
     braid_angle
-        Also measure the braid angle from the weave: profile, mean, standard error and turns.
+        Also measure the braid angle from the weave: its profile, mean and standard error, and the number
+        of turns of a thread.
     orientation
         Orientation of the muscle in the pictures.
     """
@@ -111,35 +115,36 @@ def measure(
     """Measure the shape of a muscle in photographs, with standard errors for each picture.
 
     Writes `measurements.csv` (one row per picture), `measurements.nc` (with the profiles),
-    `recipe.toml` (all settings) and `overlays/`. Run the same command again to resume a stopped campaign.
-    The exit code is 3 if some pictures could not be measured or matched to the log; the table gives the
-    reason for each.
+    `recipe.toml` (all settings) and `overlays/`. If a campaign was stopped, run the same command again to
+    resume it. The exit code is 3 if any picture could not be measured or matched to the log; the table
+    states the reason for each.
 
     Parameters
     ----------
     photos
-        Files, folders and patterns such as `'stroke/*.jpg'`. All pictures must have the same size.
+        Picture files, folders, or patterns such as `'stroke/*.jpg'`. All pictures must be the same size.
     how
         Measurement settings.
     log
         Test-machine log, a CSV file with columns such as `time_s,displacement_in,force_lbf,
-        pressure_psi`. Adds force and pressure to each picture; the motion is used to align the two clocks.
+        pressure_psi`. Its force and pressure are added to each picture's row. The clocks of the camera and
+        the machine are aligned by the recorded motion.
     log_offset
-        Time on the machine's clock when the first picture was taken, `12s`, accurate to within 10 s.
-        Required if the motion is periodic.
+        Time on the test machine's clock when the first picture was taken, such as `12s`, accurate to
+        within 10 s. Required if the motion is periodic.
     column
-        Identify a log column whose name is ambiguous, by name or number, with its unit:
-        `force="Kraft [N]"`. Repeatable; `pressure=-` ignores a column. Also accepts `decimal=,` and, for
-        absolute pressures, `atmosphere=101.3kPa`.
+        Log column for a quantity, by name or number, with its unit, such as `force="Kraft [N]"`. Needed if
+        the column's name is ambiguous. Repeatable; `pressure=-` ignores the pressure. Also accepts
+        `decimal=,` and, for absolute pressures, `atmosphere=101.3kPa`.
     rest_length
-        Rest length from which contraction is computed, `9.28in`. If omitted, the longest measured length
-        is used. Also used to check the scale.
+        Rest length used to compute the contraction and to check the scale, such as `9.28in`. If omitted,
+        the contraction is computed from the longest measured length.
     diameter
-        Nominal diameter of the braid at rest, `0.875in`, used to check the scale.
+        Nominal diameter of the braid at rest, such as `0.875in`, used to check the scale.
     jobs
-        Number of processes. If omitted, one per core where that saves time.
+        Number of worker processes. If omitted, one per core if that saves time.
     units
-        Units of the CSV file, plots and output: us (in, lbf, psi), metric (mm, N, kPa) or si.
+        Units in the CSV file, plots and printed output: us (in, lbf, psi), metric (mm, N, kPa) or si.
     output
         Output folder, created if missing.
     overlays
@@ -149,7 +154,7 @@ def measure(
     json_
         Print a single JSON object to standard output.
     read_log
-        Function of the log's path, `offset` and `columns` that returns an `AddLog`.
+        Function that takes the log's path, `offset` and `columns`, and returns an `AddLog`.
     """
     # Idle OpenBLAS threads spin, and the matrices here are small. NumPy reads this when it is imported.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -216,10 +221,11 @@ def command_recipe(options: RecipeOptions) -> tuple["Recipe", dict[str, str]]:
     """Build the recipe and the table's provenance entries from command-line options.
 
     Args:
-        options: settings. Lengths include their unit; a `scale` is `226.63 px/in` or `226.63+-0.02 px/in`.
+        options: settings. Lengths are strings with a unit; the scale is a string such as `226.63 px/in` or
+            `226.63+-0.02 px/in`.
 
     Raises:
-        ImagingError: the scale is missing or given twice, or an option cannot be parsed.
+        ImagingError: the scale is missing or stated twice, or an option cannot be parsed.
     """
     from .camera import Tone
     from .pictures import picture_recipe

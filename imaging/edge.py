@@ -48,8 +48,8 @@ def defocused_step(t: ArrayLike, blur: ArrayLike, disk: ArrayLike) -> Array:
 def ramp(t: ArrayLike, blur: ArrayLike, radius: float) -> Array:
     """Return the blurred root sqrt(t - t^2 / (2 R)), the brightness inside the limb of a lit cylinder.
 
-    At a distance t from the limb of a cylinder of radius R, the cosine of the angle between normal and line
-    of sight is sqrt(2 t / R - t^2 / R^2). The second term is included to first order.
+    At a distance t from the limb of a cylinder of radius R, the cosine of the angle between the normal and
+    the line of sight is sqrt(2 t / R - t^2 / R^2). The second term is included to first order.
 
     Args:
         t: distance inward from the edge [px].
@@ -72,9 +72,9 @@ def ramp(t: ArrayLike, blur: ArrayLike, radius: float) -> Array:
 
 @functools.cache
 def _blurred_roots() -> tuple[Array, Array, Array]:
-    """Return E[(x + z)_+^p] for normal z: the grid, and values for p = 1/2 and p = 3/2.
+    """Return a grid of x, and E[(x + z)_+^p] for normal z on it, for p = 1/2 and p = 3/2.
 
-    They are parabolic cylinder functions, Gamma(p + 1) / sqrt(2 pi) exp(-x^2 / 4) D_{-p-1}(-x).
+    The values are parabolic cylinder functions, Gamma(p + 1) / sqrt(2 pi) exp(-x^2 / 4) D_{-p-1}(-x).
     """
     x = np.linspace(-8, _REACH, _TABLE)
     factor = np.exp(-(x**2) / 4) / np.sqrt(2 * np.pi)
@@ -105,7 +105,7 @@ def best_shift(
         spacing: spacing of the candidate shifts [px].
 
     Returns:
-        Shift inward [px], shape (m,); its magnitude is `reach` if there is no maximum inside.
+        Shift inward [px], shape (m,); its magnitude is `reach` if there is no maximum within that range.
     """
     count = round(reach / spacing)
     shifts = np.arange(-count, count + 1) * spacing
@@ -191,7 +191,7 @@ _LEAST_ANGLE = 0.2  # at 0, a pure Gaussian, the derivative by the disk vanishes
 
 @dataclasses.dataclass(frozen=True)
 class EdgeProfile:
-    """Results from the mean profiles of both sides.
+    """Results of the fit to the mean profiles of both sides.
 
     Attributes:
         blur: s, standard deviation of the blur across the edge, common to both sides [px].
@@ -199,12 +199,12 @@ class EdgeProfile:
         shifts: shift of the edge of each side relative to the windows, inward [px], corrected for the light
             of the first thread.
         misfit: RMS difference between profiles and model, relative to the step.
-        flank: excess brightness of the profiles over the model 2 to 5 blurs inside, relative to the step;
-            the larger of the two sides.
-        rim: brightness 1.5 to 3.5 blurs inside the edge divided by that at 4 to 8, mean of both sides. The
-            limb of a matte body is never brighter than the area inside it.
-        waves: relative deviation of the light 1.5 to 8 blurs inside from that of a smooth limb, RMS of
-            both sides.
+        flank: brightness of the profiles in excess of the model, 2 to 5 blurs inside the edge, relative to
+            the step; the larger of the two sides.
+        rim: brightness 1.5 to 3.5 blurs inside the edge divided by that 4 to 8 blurs inside, mean of both
+            sides. The limb of a matte body is never brighter than the area inside it.
+        waves: relative deviation of the brightness from that of a smooth limb, 1.5 to 8 blurs inside the
+            edge, RMS of both sides.
     """
 
     blur: float
@@ -222,7 +222,7 @@ def edge_profile(
 ) -> EdgeProfile:  # fmt: skip
     """Fit the blur and positions of the edges to the mean profiles of both sides.
 
-    The positions are determined from the outer flanks only, so the shade of the first thread has little
+    The positions are determined from the outer flanks only, so the shading of the first thread has little
     influence.
 
     Args:
@@ -231,7 +231,7 @@ def edge_profile(
         blur: approximate s [px].
         radius: radius of the body [px].
         kappas: kappa of both sides, from `limb_strength`.
-        disk: disk of the previous pass; None in the first pass.
+        disk: `EdgeProfile.disk` from the previous pass; None in the first pass.
     """
     near = near_edge(t, blur)
     parts = np.stack([profile[near] / max(np.ptp(profile[near]), 1e-6) for profile in profiles])
@@ -272,7 +272,7 @@ def limb(
 ) -> Array:
     """Return the brightness across a limb, a blurred step plus kappa times the blurred root, elementwise.
 
-    The root is smooth, so the shape of the blur has no effect on it.
+    The square root is smooth, so the shape of the blur has no effect on it.
     """
     edge = defocused_step(t, s, disk) if np.any(disk) else step(t, s)
     return edge + kappa * ramp(t, s, radius) if np.any(kappa) else edge
@@ -283,8 +283,8 @@ def _inside(
 ) -> tuple[float, float, float, float]:
     """Return flank, wave and rim of one side, and the rim of a smooth limb, see `EdgeProfile`.
 
-    A smeared edge continues to rise further inside than the fitted samples, and the flank measures this.
-    Each value is 0 if there are no samples.
+    The brightness of a smeared edge rises further inside than the fitted samples; the flank measures this
+    rise. Each value is 0 if there are no samples.
     """
     near, model = near_edge(t, s), limb(t, s, kappa, radius)
     height = float(height_and_rest(profile[near], model[near])[0][0])
@@ -303,24 +303,26 @@ def _inside(
 
 
 def _rim(profile: Array, t: Array, s: float) -> float:
-    """Return the brightness just inside the edge divided by that further in; 0 without samples."""
+    """Return the brightness just inside the edge divided by that further in; 0 if there are no samples."""
     size = max(1.0, s)
     at, beside = (profile[(t > low * size) & (t < high * size)] for low, high in _RIM)
     return float(at.mean() / max(beside.mean(), 1e-9)) if at.size and beside.size else 0.0
 
 
 def _first_thread(own: float, law: float, s: float) -> float:
-    """Return how far the true edge lies outside the fitted one, from the light of the first thread [px].
+    """Return how far the true edge lies outside the fitted one [px], from the light of the first thread.
 
-    Threads make the light vary periodically with azimuth, in phase along a straight edge and with about
-    one period in the first 8 blurs. If the light 1.5 to 3.5 blurs inside exceeds that of a smooth limb, the
-    edge itself is darker, and the fit confuses the flank of the thread with that of the edge. For a wave
-    that fades at grazing incidence, averaged over phases, the edge lies 0.2 to 0.6 px further out per unit
-    of relative excess, at blurs of 0.8 to 1.3 px. Rendered braids have 0.45 px per px of blur. A blur
-    wider than the wave changes the phase. A glossy rim has an excess for another reason.
+    Because of the threads, the light varies periodically with azimuth. This wave is in phase along a
+    straight edge, with about one period in the first 8 blurs. If the light 1.5 to 3.5 blurs inside exceeds
+    that of a smooth limb, the edge itself is darker, and the fit confuses the flank of the thread with that
+    of the edge. For a wave that fades at grazing incidence, averaged over its phase, the edge lies 0.2 to
+    0.6 px further out per unit of relative excess, for blurs of 0.8 to 1.3 px. In rendered braids, the
+    factor is 0.45 px per px of blur. A blur wider than the wave changes its phase. On a glossy rim, the
+    excess has a different cause.
 
     Args:
-        own: ratio of the brightness just inside to that further in, on this side; 0 without samples.
+        own: brightness just inside the edge divided by that further in, on this side; 0 if there are no
+            samples.
         law: the same ratio for a smooth limb.
         s: blur [px].
     """
@@ -333,8 +335,8 @@ def _first_thread(own: float, law: float, s: float) -> float:
 def shine_of(rim: float, flank: float) -> float:
     """Return the confidence that a limb is glossy, 0 to 1, from rim and flank, see `EdgeProfile`.
 
-    The rim of a matte limb is at most 1, and its flank follows the model. With gloss, the light falls off
-    inside a narrow bright rim.
+    The rim of a matte limb is at most 1, and its flank follows the model. On a glossy limb, the brightness
+    falls off inside a narrow bright rim.
     """
     return min(max((rim - _MATTE) / _TO_GLOSS, (_FALLS - flank) / _TO_SHINE, 0.0), 1.0)
 
@@ -343,7 +345,7 @@ def moved_by_limb(kappa: float, s: float, radius: float) -> float:
     """Return how far an edge with this kappa lies outside the best-fitting plain step [px].
 
     Args:
-        kappa: strength of the limb's root relative to its step [px^-0.5].
+        kappa: ratio of the square-root term to the step in the limb model [px^-0.5].
         s: blur [px].
         radius: radius of the body [px].
     """
@@ -362,14 +364,14 @@ def near_edge(t: Array, s: float) -> Flags:
 
 
 def limb_strength(light: Array, t: Array, s: float, radius: float) -> float:
-    """Return kappa in s0 [1 + kappa sqrt(t - t^2 / (2 R))], the intensity within the edge blur.
+    """Return kappa in s0 [1 + kappa sqrt(t - t^2 / (2 R))], the brightness inside the blurred edge.
 
-    The root is the law of a smooth body, and of a woven body averaged over its threads. It is fitted from
-    3 blurs inside the edge to the last sample.
+    The square root holds for a smooth body, and for a woven body if averaged over its threads. It is
+    fitted to the samples that are at least 3 blurs inside the edge.
 
     Args:
         light: mean brightness along the normal, shape (n,). The windows must not be divided by their own
-            brightness first, because their mean would then rise inward for any random factor.
+            brightness before averaging, because random factors would then make the mean rise inward.
         t: distance of the samples inward from the edge [px], shape (n,).
         s: blur [px].
         radius: radius of the body [px].

@@ -1,4 +1,4 @@
-"""Tapes at the muscle's ends: their inner edges, and the position of the axis in depth."""
+"""Locate the inner edges of the tapes at the muscle's ends, and the position of the axis in depth."""
 
 import math
 from typing import NamedTuple
@@ -52,9 +52,9 @@ class Ring(NamedTuple):
     Attributes:
         y: position along the axis, as in `Silhouette` [m].
         stderr: random standard error of y [m].
-        spread: standard deviation of the edge along the tape [px].
+        spread: standard deviation of the edge about a straight line along the tape [px].
         blur: Gaussian blur of the edge along the axis [px]. If the edge is softer than the outline, the
-            extra blur of colour over luma is subtracted.
+            additional blur of colour compared with luma is subtracted.
         arc: points u, v of the edge in the picture [px], shape (2, n).
         lateral: positions across the axis relative to the radius [-], -1 to 1, shape (k,).
         shift: position of the edge along the axis relative to y, at `lateral` [m], shape (k,).
@@ -73,7 +73,7 @@ def on_cylinder(
     camera: Camera, body: Silhouette, y: Array, lateral: Array, radius: float,
     plane: tuple[float, float] = (0.0, 0.0),
 ) -> tuple[Array, Array]:  # fmt: skip
-    """Return picture positions of points on a cylinder around the axis [px], shape (lateral, y).
+    """Return the picture positions [px] of points on a cylinder around the axis, shape (lateral, y).
 
     If the plane of the edge is not perpendicular to the axis, y is the position of the edge's middle.
     """
@@ -89,8 +89,8 @@ class _Front:
     Args:
         photo: picture.
         tone: tone curve of the camera.
-        coarse: approximate tapes, and colours.
-        body: body that gives the radius of the edge.
+        coarse: approximate tapes, and the colours.
+        body: body of revolution, whose radius at the edge is used.
         blur: approximate blur of the edge [px].
         lower: True for the tape at the lower end.
 
@@ -131,19 +131,19 @@ class _Front:
         self.spline = spline_filter(np.clip(amounts, -_BRIGHTEST, most), 3, mode="mirror")
 
     def around(self, y: float, t: Array) -> tuple[Array, Array, Array]:
-        """Return lateral positions [m], and u and v at distances t inward from an edge [px]."""
+        """Return lateral positions [m], and u and v [px] at distances t inward from an edge [px]."""
         radius = float(self.body.radius_at(y))
         lateral = np.linspace(-_WIDTH, _WIDTH, self.n) * radius
         at = y + t * self.step
         return lateral, *on_cylinder(self.photo.camera, self.body, at, lateral, radius, self.plane)
 
     def tape_at(self, y: float, t: Array) -> Flags:
-        """Return True where the tape's colour is visible t inward from the edge [px], shape (n,).
+        """Return True where the tape's colour is visible at distances t inward from the edge, shape (n,).
 
-        Chromaticity c = (R, G, B) / (R + G + B) in linear light is independent of shading. A point is tape
-        if its chromaticity differs from the tape's by less than 0.4 of the difference from tape to braid.
-        Otherwise something covers the tape or it is glossy. A tape with the braid's chromaticity cannot
-        be distinguished from an object that covers it.
+        Chromaticity c = (R, G, B) / (R + G + B) in linear light is independent of shading. A point counts
+        as tape if its chromaticity differs from the tape's by less than 0.4 times the difference between
+        tape and braid. Otherwise the tape is covered or glossy there. A tape with the braid's chromaticity
+        cannot be distinguished from an object that covers it.
         """
         rgb, (_, u, v) = self.photo.rgb, self.around(y, t)
         rows, columns = (
@@ -165,7 +165,7 @@ class _Front:
         return self.tape_at(y, -np.arange(_ROWS, dtype=float) - max(_BEYOND[0], _BEYOND[1] * s))
 
     def unrolled(self, y: float, t: Array, shows: Flags) -> tuple[Array, Array, float]:
-        """Return amounts, lateral positions [m], and the visible fraction of the lit edge."""
+        """Return amounts of braid, lateral positions [m], and the visible fraction of the lit edge."""
         lateral, u, v = self.around(y, t)
         at = [v - self.rows.start, u - self.columns.start]
         grid = map_coordinates(self.spline, at, order=3, mode="mirror", prefilter=False)
@@ -185,21 +185,21 @@ def find_ring(
     """Locate the inner edge of a tape in the picture unrolled around it.
 
     The picture is sampled at the points (x0 + X, y + h, d - sqrt(R^2 - X^2)) of the cylinder, so that a
-    ring becomes a straight line, even if the tape is slanted or leans towards the camera. The light
-    sampled is zero on the tape and its dark rim. Groups of neighbouring X are averaged, and a blurred step
-    is fitted to each average. The mean of the steps' positions is the position of the ring, and their
-    scatter gives its error.
+    ring becomes a straight line, even if the tape is slanted or leans towards the camera. The quantity
+    sampled, the amount of braid, is zero on the tape and its dark rim. Samples at neighbouring X are
+    averaged in groups, and a blurred step is fitted to each average. The ring's position is the mean of the
+    steps' positions; its error follows from their scatter.
 
     Args:
         photo: picture.
         tone: tone curve of the camera.
-        coarse: approximate tapes, and colours.
-        body: body that gives the radius of the ring.
+        coarse: approximate tapes, and the colours.
+        body: body of revolution, whose radius at the ring is used.
         blur: blur of the outline [px], used as the initial value for the blur of the edge.
         lower: True for the tape at the lower end.
 
     Raises:
-        MissingFitting: there is no edge, or too much of it is covered.
+        MissingFitting: no edge was found, or too much of it is covered.
     """
     front, px = _Front(photo, tone, coarse, body, blur, lower=lower), 1 / photo.camera.px_per_m
     y, left = front.y, 2 * _PASSES
@@ -220,8 +220,8 @@ def find_ring(
             else:
                 _check_seen(seen)
                 raise MissingFitting(
-                    "a tape must end in a visible edge at the braid: if the braid is glossy or darker than "
-                    "the tapes, dust it with chalk and light it from all sides",
+                    "each tape must have a visible edge next to the braid: if the braid is glossy or "
+                    "darker than the tapes, dust it with chalk and light it from all sides",
                     step_height=height,
                 )
             t = _window(s)
@@ -277,7 +277,7 @@ def find_ring(
 
 
 def _along(grid: Array, lateral: Array, t: Array, s: float, slope: float) -> tuple[Array, Array]:
-    """Return the shifts of groups along the edge [px] without outliers, and their positions."""
+    """Return the shifts of groups along the edge [px], excluding outliers, and the groups' positions."""
     groups = np.stack([part.mean(axis=0) for part in np.array_split(grid, _GROUPS)])
     where = np.array([part.mean() for part in np.array_split(lateral, _GROUPS)])
     inside = _inside(s)
@@ -327,7 +327,7 @@ def _window(blur: float) -> Array:
 def _check_seen(seen: float) -> None:
     if seen < _LEAST_SEEN:
         raise MissingFitting(
-            f"at least {_LEAST_SEEN:.0%} of a tape's edge must be visible: remove anything that covers "
+            f"at least {_LEAST_SEEN:.0%} of each tape's edge must be visible: remove anything that covers "
             "it, and avoid reflections on the tape or braid",
             seen=seen,
         )
@@ -339,7 +339,7 @@ def _inside(s: float) -> float:
 
 
 def _relief(x: Array, inside: float) -> Array:
-    """Return the rise of light inward from a tape, where threads emerge from its shade [px]."""
+    """Return the model of the light's rise inward from a tape [px], where threads emerge from its shade."""
     return np.clip(x, 0, inside - 1)
 
 
@@ -380,8 +380,8 @@ def check_tape_diameter(
 ) -> None:
     """Check the scale against the known diameter of the tapes.
 
-    A tape is a cylinder about the muscle's axis: R = rho sin(beta), where beta is half the angle between
-    its two tangent planes, found with the limb model.
+    A tape is a cylinder about the muscle's axis: R = rho sin(beta). Here beta is half the angle between
+    its two tangent planes, which are located with the limb model.
 
     Raises:
         ScaleContradiction: the mean diameter differs from the known one by more than 0.5 %, or a tape
@@ -400,7 +400,7 @@ def check_tape_diameter(
         rows = np.arange(int(first) + _GUARD, int(last) - _GUARD)
         if rows.size < _FEWEST_ROWS:
             raise ScaleContradiction(
-                f"a tape must span at least {_FEWEST_ROWS} pixel rows to check the scale: use a "
+                f"each tape must span at least {_FEWEST_ROWS} pixel rows to check the scale: use "
                 "wider tape, or omit the tape diameter",
                 rows=rows.size,
             )
@@ -416,7 +416,7 @@ def check_tape_diameter(
     mean = 2 * float(np.hypot(body.x0, camera.distance)) * float(np.mean(np.sin(angles)))
     if abs(mean / known - 1) > _CONTRADICTS:
         raise ScaleContradiction(
-            "the measured tape diameter must equal the known one; their ratio is "
+            "the measured tape diameter must equal the known one, but their ratio is "
             f"{mean / known:.4f}: check that the ruler was in the plane of the muscle's axis, and that "
             "the stated distance is correct",
             diameter=mean, known_diameter=known, px_per_m=camera.px_per_m,
@@ -441,8 +441,8 @@ _WAVE = 2 / math.pi  # mean of half a sine wave
 class Depth(NamedTuple):
     """Position of the axis in depth, from the arcs of both tapes' edges.
 
-    For a camera at d and a picture unrolled for a camera at d0, the front of a tape's edge is lower than
-    its middle by p_i = tilt + y_i (1/d - 1/d0), relative to the radius.
+    If the camera is at distance d and the picture was unrolled for distance d0, the front of a tape's edge
+    is lower than its middle by p_i = tilt + y_i (1/d - 1/d0), relative to the radius.
 
     Attributes:
         lean, lean_stderr: p of the upper and lower ring and its standard error, shape (2,) [-].
@@ -451,7 +451,7 @@ class Depth(NamedTuple):
         tilt, tilt_stderr: tilt of the axis, positive with its lower end away from the camera, and its
             standard error [rad].
         nearer, nearer_stderr: 1/d - 1/d0 and its standard error [1/m].
-        against: lean of the tapes relative to each other, as p of one end [-].
+        against: half the difference between the leans of the two tapes [-].
     """
 
     lean: Array
@@ -466,11 +466,12 @@ class Depth(NamedTuple):
 
 
 class Axis(NamedTuple):
-    """Effect of the axis's tilt, distance and bow on length and diameter.
+    """Effects of the axis's tilt, distance and bow on length and diameter.
 
     Attributes:
         distance: distance of the camera [m].
-        distance_stderr: standard error of the distance for tapes wound by hand [m]; 0 if stated.
+        distance_stderr: standard error of the distance for tapes wound by hand [m]; 0 if the distance was
+            stated.
         tilt, tilt_stderr: see `Depth` [rad].
         bow: largest deviation of the mid-line from a straight line [m].
         ends: position of the middles of the upper and lower ring relative to `Ring.y` [m].
@@ -497,9 +498,9 @@ class Axis(NamedTuple):
 def depth_of_axis(body: Silhouette, upper: Ring, lower: Ring) -> Depth:
     """Return tilt and distance from the leans of both tapes' edges.
 
-    Unrolled about an upright cylinder at the right distance, a square ring is a straight line. The front
-    of a leaning ring is lower by p sqrt(R^2 - X^2) at X across the axis. A tilted axis or a wrong distance
-    has the same effect.
+    If the picture is unrolled about an upright cylinder at the correct distance, a ring square to the axis
+    becomes a straight line. The front of a leaning ring is lower by p sqrt(R^2 - X^2) at X across the axis.
+    A tilted axis or a wrong distance has the same effect.
     """
     radii = [float(body.radius_at(ring.y)) for ring in (upper, lower)]
     fits = [
@@ -522,15 +523,16 @@ def depth_of_axis(body: Silhouette, upper: Ring, lower: Ring) -> Depth:
 def axis_of(
     camera: Camera, outline: Outline, body: Silhouette, upper: Ring, lower: Ring, *, stated: bool
 ) -> Axis:
-    """Return the effect of tilt, distance and bow on length and diameter.
+    """Return the effects of tilt, distance and bow on length and diameter.
 
     A bow in the picture is corrected: the length is measured along the axis. Half the effect of a
-    significant tilt is corrected, and the other half is the standard error, because two tapes with the
-    same lean look alike. An insignificant tilt only contributes to the error. The position of a leaning
-    tape is the middle of its ring; its front is lower by p R. If the combined lean of both tapes is below
-    3.25 standard errors, the tapes are taken as square, because a front is located three times more
-    accurately than a middle. Above 2.5 standard errors, the resulting difference in length contributes to
-    the error, up to the value for tapes wound by hand.
+    significant tilt is corrected, and the other half is the standard error, because a tilted axis looks
+    the same as two tapes with the same lean. An insignificant tilt only contributes to the error. The
+    position of a leaning tape is the middle of its ring; the front of the ring is lower by p R. If the
+    combined lean of both tapes is below 3.25 standard errors, the tapes are assumed to be square to the
+    axis, because the front of a ring is located three times more accurately than its middle. Above 2.5
+    standard errors, the resulting difference in length contributes to the error, up to the value for tapes
+    wound by hand.
 
     Args:
         camera: camera.
@@ -538,7 +540,7 @@ def axis_of(
         body: body of revolution with this outline.
         upper: edge of the upper tape.
         lower: edge of the lower tape.
-        stated: True if the distance was stated; otherwise its error is that of the tapes.
+        stated: True if the distance was stated; otherwise its error is computed from the tapes.
 
     Raises:
         DistanceContradiction: the tapes' arcs contradict the stated distance.
@@ -571,12 +573,12 @@ def axis_of(
         wide = abs(depth.against) * length / math.pi * _WAVE / d
         seen = f"{1 / max(1 / d + depth.nearer, _FARTHEST) / _INCH:.0f} in"
         text = (
-            f"{_ARCS}; the arcs indicate a camera distance of {seen}, but {d / _INCH:.0f} in is "
+            f"{_ARCS}; the arcs indicate a camera distance of {seen}, but {d / _INCH:.0f} in was "
             "stated: correct --distance"
         )
         if abs(depth.against) > _MOST:
             raise DistanceContradiction(f"{text}, or omit it", stated=d, lean=depth.against)
-        warnings.append(f"{text}; the errors were increased")
+        warnings.append(f"{text}; the standard errors were increased")
     tilt, aside = depth.tilt, (upper.y + lower.y) / 2 / d
     turned = 1 / (math.cos(tilt) - math.sin(tilt) * aside) - 1  # relative effect on the length
     factor = 1.0
@@ -586,7 +588,7 @@ def axis_of(
         warnings.append(
             f"the axis, or both tapes, lean in depth by {math.degrees(tilt):.1f} "
             f"+- {math.degrees(depth.tilt_stderr):.1f} deg, which changes the length by {abs(turned):.2%}: "
-            "half of this is corrected and half is included in the error; set the axis upright and wind "
+            "half of this was corrected and half is included in the error; set the axis upright and wind "
             "the tapes square to it"
         )
     else:
@@ -608,7 +610,7 @@ def axis_of(
 def distance_by_tapes(
     body: Silhouette, upper: Ring, lower: Ring, assumed: float, *, found: bool = False
 ) -> float:
-    """Return the camera distance [m] that the tapes' arcs indicate, or the assumed one if they agree.
+    """Return the camera distance [m] indicated by the tapes' arcs, or the assumed one if they agree.
 
     Args:
         body: body of revolution, computed for the assumed distance.
@@ -633,8 +635,8 @@ def distance_by_tapes(
 
 _NEAREST, _FARTHEST = 1 / 0.15, 1 / 15.0  # inverse distances [1/m]
 _ARCS = (
-    "the tape edges must appear as arcs of square rings: wind the tapes square to the axis, and hang the "
-    "muscle straight"
+    "the tape edges must appear as arcs of rings square to the axis: wind the tapes square to it, and hang "
+    "the muscle straight"
 )
 
 
@@ -647,6 +649,6 @@ def ends_aside(camera: Camera, outline: Outline) -> tuple[float, float]:
 
 
 def _mid_line(camera: Camera, outline: Outline) -> tuple[Array, Array]:
-    """Return the `bow` of the outline without lens distortion, and the rows [px]."""
+    """Return the `bow` of the outline, corrected for lens distortion, and the rows [px]."""
     u, v = camera.rays(outline.columns, np.stack([outline.rows, outline.rows]))
     return bow(*(u * camera.focal_px)), v[0] * camera.focal_px

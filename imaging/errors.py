@@ -1,4 +1,4 @@
-"""Exceptions raised for photographs, one class per cause."""
+"""Exceptions raised if a photograph cannot be measured, one class per cause."""
 
 # ruff: noqa: N818 - the class names state the cause
 
@@ -12,12 +12,12 @@ from famjax.boundary.errors import InputError
 class ImagingError(InputError):
     """A picture, ruler or log cannot be used.
 
-    Instances can be pickled with all their attributes.
+    Instances, including all their attributes, can be pickled.
 
     Args:
         message: what is required, what was found, and what to do.
         path: file that caused the error, if any.
-        figures: values that led to the error, in SI units or with the unit in the name.
+        figures: values that caused the error, in SI units or with the unit in the name.
 
     Examples:
         >>> print(NoMuscle("nothing bright stands out from the cloth", path="a.jpg", eta_value=0.2))
@@ -55,7 +55,7 @@ class UnreadableImage(ImagingError):
 
 
 class DamagedImage(ImagingError):
-    """The file decodes, but part of the picture is damaged."""
+    """The file can be decoded, but part of the picture is damaged."""
 
 
 class NoMuscle(ImagingError):
@@ -67,7 +67,7 @@ class Underexposed(ImagingError):
 
 
 class Overexposed(ImagingError):
-    """Too much of the muscle is saturated; clipped pixels hide the edges."""
+    """Too many of the muscle's pixels are saturated, which hides the edges."""
 
 
 class AmbiguousHue(ImagingError):
@@ -91,7 +91,7 @@ class WrongOrientation(ImagingError):
 
 
 class Defocused(ImagingError):
-    """The picture is too blurred for the stated errors to be reliable."""
+    """The picture is too blurred for reliable standard errors."""
 
 
 class MotionBlurred(ImagingError):
@@ -103,7 +103,7 @@ class RulerNotFound(ImagingError):
 
 
 class AmbiguousRuler(ImagingError):
-    """The marks can be numbered in more than one way."""
+    """The marks on the ruler can be read in more than one way."""
 
 
 class MixedSizes(ImagingError):
@@ -111,7 +111,7 @@ class MixedSizes(ImagingError):
 
 
 class DistanceContradiction(ImagingError):
-    """The tape edges contradict the stated camera distance."""
+    """The curvature of the tape edges contradicts the stated camera distance."""
 
 
 class ScaleContradiction(ImagingError):

@@ -1,4 +1,4 @@
-"""Measure a muscle's shape D(z), with its errors, in one photograph."""
+"""Measure a muscle's shape D(z) in one photograph, with standard errors."""
 
 import dataclasses
 import math
@@ -25,7 +25,7 @@ class Trace(NamedTuple):
         rows: v, shape (n,).
         left, right: u of the outline, shape (n,).
         upper, lower: u, v of the inner edges of the tapes, shape (2, k).
-        turned: True if the picture was first rotated clockwise by a quarter turn; the positions refer to
+        turned: True if the picture was first rotated a quarter turn clockwise; the positions then refer to
             the rotated picture.
     """
 
@@ -41,40 +41,42 @@ class MeasurementErrors(NamedTuple):
     """Components of the standard errors of diameter and length.
 
     All components are estimated from the picture itself. The random error of D combines the edge scatter
-    that passes the smoothing (at least the scatter of the mid-line, which is smooth for a body of
-    revolution) with the detail that the smoothing removes. The systematic error of an edge is the root sum
-    square of two parts: the larger of the first two terms below, and the third. Here s is the blur, and
-    kappa and the misfit m are defined in `Quality`; the coefficients come from rendered pictures:
+    that passes the smoothing with the detail that the smoothing removes. The edge scatter is at least that
+    of the mid-line, because the mid-line of a body of revolution is smooth. The systematic error of an edge
+    is the root sum square of two parts: the larger of the first two terms below, and the third. Here s is
+    the blur, and kappa and the misfit are defined in `Quality`; the coefficients were determined from
+    rendered pictures:
 
-    - 0.018 s, with s at least 1: shade of the outermost threads, beyond the correction for the light of the
-      first thread (see `EdgeProfile.shifts`);
-    - light from one lamp: 0.6 times the mean edge shift due to kappa, because light follows the root law
-      only on a limb that the lamp reaches; and 0.8 s times the waves (see `EdgeProfile`) in excess of the
-      0.055 seen on braids lit from both sides, because threads cast shadows on a limb lit from the front;
-    - 16 m s, where m is the misfit in excess of 0.001 s^2 (s up to 1.5), the part due to threads: halo,
-      sharpening and other blur that differs from the model.
+    - 0.018 s, with s at least 1: shading of the outermost threads that remains after the correction for the
+      light of the first thread (see `EdgeProfile.shifts`);
+    - light from only one lamp: 0.6 times the mean edge shift due to kappa, because the brightness follows
+      the square-root law only on a limb that the lamp reaches; and 0.8 s times the waves (see
+      `EdgeProfile`) in excess of the 0.055 found on braids lit from both sides, because threads cast
+      shadows on a limb lit from the front;
+    - 16 m s for halos, sharpening and other blur that differs from the model. Here m is the misfit in
+      excess of 0.001 s^2 (s up to 1.5), the part of the misfit due to threads.
 
     If black threads hide part of the edge, 0.03 px per edge is added for dents that both sides share and
     for threads that protrude next to hidden ones.
 
-    A bright rim (0.98 to 1.03) or a falling flank (-0.04 to -0.08) adds up to 0.13 s, because gloss or a
-    lamp behind the muscle makes it look wider.
+    If the rim is bright (0.98 to 1.03) or the flank falls (-0.04 to -0.08), up to 0.13 s is added, because
+    gloss or a lamp behind the muscle makes it look wider.
 
-    The length error combines the scatter of both edges along their tapes with 0.05 px per tape for the
-    shade of the threads and the same 16 m s.
+    The error of the length combines the scatter of both tape edges with 0.05 px per tape for the shading of
+    the threads, and with the same 16 m s.
 
-    If no tone curve is stated, 0.09 s is added to each edge of muscle and tapes, fully correlated: one
-    third of the effect of a gamma of 0.75 or 1.25, and 0.8 of that of an S-curve. Axis, distance and bow
-    contribute to the length, see `axis_of`.
+    If no tone curve is stated, 0.09 s is added for each edge of the muscle and the tapes, fully correlated.
+    This is one third of the effect of a gamma of 0.75 or 1.25, and 0.8 of the effect of an S-curve. For the
+    contributions of tilt, distance and bow to the error of the length, see `axis_of`.
 
-    Not included are effects that pictures cannot show: a stated tone curve that is wrong, and threads so
+    Effects that pictures cannot show are not included: a stated tone curve that is wrong, and threads so
     coarse that their mirrored pattern passes the smoothing. Below 4500 px/m (115 px/in), errors in
     D(z) of rendered braids reach twice the standard error; errors in length and mean diameter reach 1.3
     standard errors at 50 to 110 px/in.
 
     Attributes:
         edge: systematic error of the diameter, common to all positions [m].
-        density: variance of the diameter's random error times correlation length [m^3].
+        density: variance of the diameter's random error times its correlation length [m^3].
         ends: error of the length due to the tape edges [m].
         scale: relative error of the scale.
     """
@@ -89,7 +91,7 @@ class MeasurementErrors(NamedTuple):
 class Measurement:
     """A muscle's shape in one photograph, corrected for perspective, roll and lens distortion.
 
-    The optical edge is the mean outline of the woven threads; a caliper touches their crests.
+    The measured edge is the mean outline of the woven threads, whereas a caliper touches their crests.
 
     Attributes:
         path: path of the picture; empty for an array.
@@ -107,7 +109,7 @@ class Measurement:
         tilt, tilt_stderr: tilt of the axis in depth, positive with its lower end away from the camera
             [rad], and its standard error.
         bow: largest deviation of the mid-line from a straight line [m].
-        warnings: effects that the errors do not cover, or cover only in part.
+        warnings: effects that the standard errors do not cover, or cover only in part.
         trace: edges in the picture.
         braid: braid angle profile; None unless the recipe requests it.
     """
@@ -179,11 +181,11 @@ _OF_GLOSS = 0.13  # times blur
 
 
 def _random_part(outline: Outline) -> tuple[Array, float]:
-    """Return the random error of the width per row [px], and its density, variance times length [px^3].
+    """Return the random error of the width in each row [px], and its density: variance x length [px^3].
 
     This is the larger of two estimates: the edge scatter that passes the smoothing, and the scatter of the
-    mid-line, which equals that of the width if the edge errors are independent. Only the first includes
-    patterns mirrored on both sides; only the second includes waves longer than the smoothing.
+    mid-line, which equals that of the width if the errors of the two edges are independent. Only the first
+    includes patterns mirrored on both sides; only the second includes waves longer than the resolution.
     """
     random = np.hypot(outline.left.stderr, outline.right.stderr)
     off = off_smooth_midline(*outline.columns)
@@ -215,13 +217,13 @@ def _systematic_part(outline: Outline, *, stated: bool) -> tuple[float, float]:
 
 
 def _of_placement(recipe: Recipe) -> tuple[str, ...]:
-    """Return a warning if the ruler's placement is not stated."""
+    """Return a warning if the standard error of the ruler's placement is not stated."""
     part = 0.00254 / recipe.camera_distance
     if recipe.scale.source != "ruler" or recipe.scale.placement_stderr is not None:
         return ()
     return (
         "the ruler is assumed to lie in the plane of the axis; an offset of 0.1 in changes "
-        f"all lengths by {part:.2%}: state the uncertainty, as in --ruler-placement 0.01in",
+        f"all lengths by {part:.2%}: state its standard error, as in --ruler-placement 0.01in",
     )
 
 
@@ -233,7 +235,7 @@ _MARGIN = 0.6  # margin relative to the muscle's width
 def draw_overlay(image: Image, trace: Trace, *, thickness: int = 1) -> Image:
     """Draw the outline (red), tape edges (yellow) and mid-line (cyan) on a picture.
 
-    The lines mark the detected edges, before correction of perspective and roll, to a sixteenth of a pixel.
+    The lines mark the detected edges, not corrected for perspective and roll, to a sixteenth of a pixel.
 
     Args:
         image: picture, RGB, shape (h, w, 3).
@@ -270,9 +272,9 @@ _PASSES = 3  # Newton steps for the camera distance
 def measure(image: str | PathLike[str] | Image, recipe: Recipe) -> Measurement:
     """Measure the shape of the muscle in one photograph, with standard errors and quality figures.
 
-    The steps are a coarse segmentation, the outline by the limb model, an exact inversion of the
-    silhouette, and the tape edges as rings on the resulting body. `MeasurementErrors` describes the
-    standard errors.
+    The picture is first segmented coarsely. The outline is located with the limb model and inverted exactly
+    to a body of revolution, and the tape edges are located as rings on this body. `MeasurementErrors`
+    describes the standard errors.
 
     Args:
         image: path of a picture, or an RGB array, dtype uint8, shape (h, w, 3).
@@ -285,7 +287,7 @@ def measure(image: str | PathLike[str] | Image, recipe: Recipe) -> Measurement:
     with named(image) as (rgb, path):
         if rgb.dtype != np.uint8 or rgb.ndim != 3 or rgb.shape[2] != 3 or min(rgb.shape[:2]) < 64:
             raise errors.ImagingError(
-                "a picture must be RGB, dtype uint8, shape (h, w, 3), with h and w at least 64; got "
+                "a picture must be RGB, dtype uint8, shape (h, w, 3), with h and w >= 64; got "
                 f"{rgb.dtype} and {rgb.shape}"
             )
         photo = Photograph(rgb, recipe.camera(rgb.shape[1], rgb.shape[0]), path)
@@ -302,7 +304,7 @@ def _measured(photo: Photograph, recipe: Recipe) -> Measurement:
     coarse = segment(photo.rgb)
     width = float(np.min(coarse.right - coarse.left))
     if width < _LEAST_WIDTH:
-        raise errors.NoMuscle(f"a muscle must be at least {_LEAST_WIDTH} px wide", width_px=width)
+        raise errors.NoMuscle(f"the muscle must be at least {_LEAST_WIDTH} px wide", width_px=width)
     image, amount = edge_light(photo.rgb, coarse, recipe.tone_curve)
     outline = find_outline(
         image, amount, coarse.rows, coarse.left, coarse.right, resolution=recipe.smoothing_px

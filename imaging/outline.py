@@ -32,7 +32,7 @@ def smooth(position: Array, resolution: float, weight: Array | None = None) -> A
     """Return the curve q that minimises sum w (p - q)^2 + lambda sum (third difference of q)^2.
 
     A wave of length `resolution` is reduced to half its amplitude, and a parabola is unchanged. The ends
-    are free.
+    of the curve are free.
 
     Args:
         position: p, shape (n,), n >= 4.
@@ -57,7 +57,7 @@ def smooth(position: Array, resolution: float, weight: Array | None = None) -> A
 def smooth_robustly(
     position: Array, resolution: float, weight: Array | None = None
 ) -> tuple[Array, Flags]:
-    """Apply `smooth`, excluding outliers of more than four robust standard deviations.
+    """Apply `smooth`, excluding outliers that deviate by more than four robust standard deviations.
 
     Returns:
         The curve, shape (n,), and a mask of the rows used, shape (n,).
@@ -80,7 +80,7 @@ def smooth_robustly(
 
 
 def _median(values: Array) -> float:
-    """Return the upper median, three times as fast as NumPy's."""
+    """Return the upper median; this is three times as fast as NumPy's median."""
     half = values.size // 2
     return float(np.partition(values, half)[half])
 
@@ -88,8 +88,8 @@ def _median(values: Array) -> float:
 def variance_of_smooth(n: int, resolution: float) -> Array:
     """Return the variance of `smooth` at each of n rows for independent errors of unit variance.
 
-    It is 5 pi / 18 * 2 / resolution inside, and several times larger near the free ends. The values within
-    one resolution of an end are exact.
+    The variance is 5 pi / 18 * 2 / resolution away from the ends, and several times larger near the free
+    ends. The values within one resolution of an end are exact.
     """
     edge, out = _end_variance(round(resolution * 1000)), np.full(n, _POWER * 2 / resolution)
     k = min(edge.size, n // 2)
@@ -101,8 +101,9 @@ def variance_of_smooth(n: int, resolution: float) -> Array:
 def density_left_over(off: Array, resolution: float) -> float:
     """Return the spectral density of the scatter before `smooth`, from the residuals of one picture.
 
-    The density, variance times rows, is the mean of the periodogram near the wavelength `resolution`,
-    corrected for the response of the smoothing. The smoothing removes shorter waves, such as the weave's.
+    The density (variance times rows) is the mean of the periodogram near the wavelength `resolution`,
+    corrected for the response of the smoothing. The smoothing removes shorter waves, such as those of the
+    weave.
 
     Args:
         off: positions minus the smooth curve, shape (n,).
@@ -132,7 +133,7 @@ def _strength(resolution: float) -> float:
 
 @functools.lru_cache(maxsize=16)
 def penalty(n: int) -> Array:
-    """Return the matrix D'D of third differences as an upper band for LAPACK, shape (4, n)."""
+    """Return the matrix D'D of third differences in LAPACK's upper band form, shape (4, n)."""
     band = np.zeros((4, n), order="F")
     for i, a in enumerate(_THIRD):
         for j, b in enumerate(_THIRD[i:], start=i):
@@ -170,15 +171,15 @@ def bow(left: Array, right: Array) -> Array:
 
 
 def off_smooth_midline(left: Array, right: Array) -> Array:
-    """Return the deviation of the mid-line from a cubic [px], shape (n,); arguments as for `bow`."""
+    """Return the deviation of the mid-line from a cubic [px], shape (n,), for the arguments of `bow`."""
     return _smooth_midline(left, right, _CUBIC)[2]
 
 
 def _smooth_midline(left: Array, right: Array, n: int) -> tuple[Array, Array, Array]:
-    """Fit a smooth mid-line; return the columns of its model, their factors, and the residuals [px].
+    """Fit a smooth mid-line; return the columns of the model, their coefficients, and the residuals [px].
 
-    In a row of a rolled muscle, the two edges are not opposite each other, which shifts their middle by
-    roll R R'.
+    If the muscle is rolled, the two edges in a row are not opposite each other, which shifts their middle
+    by roll R R'.
     """
     middle, half = (left + right) / 2, (right - left) / 2
     x = np.linspace(-1, 1, middle.size)
@@ -200,7 +201,7 @@ _LEAST_SEEN = 0.2  # smallest fraction of the averaged rows that gives an edge
 
 @dataclasses.dataclass(frozen=True)
 class Samples:
-    """Windows across one side, aligned to a curve, and averages of neighbouring windows.
+    """Windows across one side of the outline, aligned to a curve, and averages of neighbouring windows.
 
     Attributes:
         inward: +1 on the left side, -1 on the right side.
@@ -222,13 +223,13 @@ class Samples:
 
     @property
     def light(self) -> Array:
-        """Mean of all windows without division by their brightness, shape (k,)."""
+        """Mean of all windows, not divided by their brightness, shape (k,)."""
         total = max(float(self.weight.sum()), 1.0)
         return (self.weight * self.height @ self.mean / total).astype(np.float64)
 
 
 def first_curve(luma: Image, coarse: Array, inward: int, resolution: float, radius: float) -> Array:
-    """Locate the outline to half a pixel in encoded values, where even a dark limb is visible."""
+    """Locate the outline to half a pixel in the encoded values, which show even a dark limb."""
     start = np.round(_without_dents(coarse, inward, radius)).astype(np.int64)
     reach = min(_FIRST_REACH, round(0.3 * radius))
     offset = np.arange(-reach - 6, reach + 5)
@@ -293,13 +294,13 @@ def aligned_windows(
 
 
 def _along_edge(windows: Single, rows: int) -> Single:
-    """Return the means over this number of neighbouring rows, shape (n, k)."""
+    """Return the means over `rows` neighbouring rows, shape (n, k)."""
     means = cv2.blur(windows, (1, rows), borderType=cv2.BORDER_REFLECT_101)
     return np.asarray(means, np.float32).reshape(windows.shape)
 
 
 def _seen(height: Single, radius: float) -> Single:
-    """Return 1 in rows whose limb is lit, 0 where a black thread hides it; shape (n,)."""
+    """Return 1 for rows in which the limb is lit, 0 where a black thread hides it; shape (n,)."""
     every = 8
     around = max(3, round(_AROUND * radius / every))
     level = percentile_filter(height[::every], 70, around, mode="nearest")
@@ -333,7 +334,7 @@ class Side:
         stderr: random standard error of u [px], shape (n,).
         residual: RMS deviation of the individual fits from the curve [px].
         outliers: fraction of the rows rejected as outliers.
-        kappa: strength of the limb's root relative to its step [px^-0.5].
+        kappa: ratio of the square-root term to the step in the limb model [px^-0.5].
         hidden: fraction of the edge hidden by black threads.
     """
 
@@ -347,11 +348,11 @@ class Side:
 
 @dataclasses.dataclass(frozen=True)
 class Outline:
-    """Outline of a muscle, both sides.
+    """Both sides of a muscle's outline.
 
     Attributes:
         rows: v, shape (n,).
-        left, right: sides.
+        left, right: the two sides.
         edge: blur, light and misfit of the mean edge.
         resolution: wavelength reduced to half its amplitude by the smoothing [px].
     """
@@ -368,7 +369,7 @@ class Outline:
         return np.array([self.left.column, self.right.column])
 
     def moved(self, by: Array | float) -> "Outline":
-        """Return the outline with its sides shifted to the right [px], broadcast to (2, n)."""
+        """Return the outline with its sides shifted right by `by` [px], broadcast to (2, n)."""
         left, right = self.columns + by
         return dataclasses.replace(
             self,
@@ -380,14 +381,15 @@ class Outline:
 def find_outline(
     image: Image, amount: Single, rows: Indices, left: Array, right: Array, *, resolution: float
 ) -> Outline:  # fmt: skip
-    """Locate both edges of an upright muscle in each row, from a coarse outline.
+    """Locate both edges of an upright muscle in each row, starting from a coarse outline.
 
-    The model along the normal is I(t) = B + s0 [Phi(t/s) + kappa (sqrt(t) * G_s)]. Individual rows give
-    a first curve. Windows aligned to it are averaged over 21 rows along the edge. The mean of all windows
-    gives blur s and kappa. Each averaged window gives a position, and the positions are smoothed.
+    The model along the normal is I(t) = B + s0 [Phi(t/s) + kappa (sqrt(t) * G_s)]. A first curve is fitted
+    to individual rows. Windows aligned to this curve are averaged over 21 rows along the edge. The blur s
+    and kappa are fitted to the mean of all windows. The position of the edge is then fitted to each
+    averaged window, and the positions are smoothed.
 
     Args:
-        image: luma, shape (h, w), or RGB, whose luma is used, shape (h, w, 3).
+        image: luma, shape (h, w), or RGB, shape (h, w, 3), of which the luma is used.
         amount: linear amount of braid for each value of luma, shape (256,).
         rows: v, consecutive, shape (n,).
         left: columns of the left side, accurate to 10 px, shape (n,).
@@ -462,11 +464,11 @@ def find_outline(
 
 
 def part_to_keep(steps: Array, last: Array) -> Array:
-    """Return the fraction of both sides' steps to keep, shape (2,).
+    """Return the fraction of each side's step to keep, shape (2,).
 
-    Position, height and blur of an edge are fitted together to a flank whose end depends on the curve.
-    Steps can therefore overshoot and alternate in sign. The secant through two such steps gives the
-    fraction.
+    The position, height and blur of an edge are fitted together to a flank whose end depends on the curve.
+    Steps can therefore overshoot and alternate in sign. The fraction is computed by the secant method from
+    two such steps.
     """
     back = last * steps < 0
     return np.where(back, last / np.where(back, last - steps, 1.0), 1.0).clip(_LEAST_STEP, 1.0)
@@ -482,7 +484,7 @@ def _side(
     side: Samples, t: Array, fit: EdgeProfile, mean: float, kappa: float, radius: float,
     resolution: float,
 ) -> Side:  # fmt: skip
-    """Fit a smooth edge through the shifts of all windows, whose mean is known."""
+    """Fit a smooth edge to the shifts of all windows, given the mean shift."""
     s, near = fit.blur, near_edge(t, fit.blur)
     shift = best_shift(
         side.mean[:, near], t[near], lambda x: limb(x, s, kappa, radius, fit.disk),

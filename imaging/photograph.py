@@ -56,7 +56,7 @@ def read_image(path: str | PathLike[str]) -> Image:
         raise UnreadableImage(f"cannot read the file: {error.strerror}", path=place) from error
     if _too_large(data):
         raise UnreadableImage(
-            "a picture may have at most 178 Mpx; its header states a larger size", path=place
+            "a picture may have at most 178 Mpx, but its header states a larger size", path=place
         )
     if place.lower().endswith(HEIC):
         return _read_heic(place)
@@ -73,7 +73,7 @@ def read_image(path: str | PathLike[str]) -> Image:
 
 @contextlib.contextmanager
 def named(image: str | PathLike[str] | Image) -> Iterator[tuple[Image, str]]:
-    """Yield a picture, read if given as a path, and its path; add the path to any `ImagingError`."""
+    """Yield a picture, read from its file if necessary, and its path; add the path to `ImagingError`s."""
     path = "" if isinstance(image, np.ndarray) else os.fspath(image)
     try:
         yield image if isinstance(image, np.ndarray) else read_image(path), path
@@ -89,7 +89,9 @@ def _read_heic(path: str) -> Image:
         with Image.open(path) as picture:
             return np.array(ImageOps.exif_transpose(picture).convert("RGB"))
     except (OSError, ValueError) as error:
-        raise UnreadableImage(f"the file must contain a picture; {error}", path=path) from None
+        raise UnreadableImage(
+            f"the file must contain a readable picture: {error}", path=path
+        ) from None
 
 
 def _too_large(data: bytes) -> bool:
@@ -127,7 +129,7 @@ def _decoded(data: bytes) -> tuple[Image | None, str]:
 
 
 def sizes_of(path: str | PathLike[str]) -> list[tuple[int, int]]:
-    """Return width and height [px] from the header: as displayed, then the EXIF dimensions if present.
+    """Return sizes (width, height) [px] from the header: as displayed, and from EXIF if present.
 
     The list is empty if the header cannot be read; the measurement reports the cause.
     """
@@ -163,11 +165,11 @@ class Timestamp(NamedTuple):
 
 
 def read_timestamp(path: str | Path) -> Timestamp | None:
-    """Read the time at which a picture was taken; None if it is missing or cannot be read.
+    """Return the time at which a picture was taken; None if it is missing or cannot be read.
 
-    DateTimeOriginal has whole seconds, SubSecTimeOriginal the digits after the decimal point. Without
-    the latter the time is truncated to the second, on average half a second early. A camera whose clock
-    was never set writes zeros or blanks.
+    The EXIF entry DateTimeOriginal has whole seconds, SubSecTimeOriginal the digits after the decimal
+    point. Without the latter, the time is truncated to whole seconds, on average half a second early. A
+    camera whose clock was never set writes zeros or blanks.
 
     Args:
         path: JPEG, TIFF, PNG or WebP file.
@@ -200,7 +202,7 @@ class Photograph:
         rgb: pixels, shape (h, w, 3).
         camera: camera, with its centre in pixels of this picture.
         path: path of the picture; empty for an array.
-        turned: True if the picture was first rotated clockwise by a quarter turn.
+        turned: True if the picture was first rotated a quarter turn clockwise.
     """
 
     rgb: Image
@@ -209,7 +211,7 @@ class Photograph:
     turned: bool = False
 
     def clockwise(self) -> "Photograph":
-        """Return the photograph rotated clockwise by a quarter turn."""
+        """Return the photograph rotated a quarter turn clockwise."""
         u, v = self.camera.centre
         return dataclasses.replace(
             self,

@@ -1,4 +1,4 @@
-"""Measure files and folders of pictures and write the results."""
+"""Measure the pictures in files and folders, and write the results."""
 
 import dataclasses
 import glob
@@ -32,7 +32,7 @@ _SCALE = re.compile(r"\s*([\d.]+)\s*(?:\+-\s*([\d.eE+-]+))?\s*(px/[a-z]+)\s*")
 
 
 def expand(photos: Sequence[str], without: str | None = None) -> list[str]:
-    """Expand files, folders and patterns into a list of pictures, each folder in natural order.
+    """Return the pictures in these files, folders and patterns, each folder in natural order.
 
     Args:
         photos: files, folders and patterns.
@@ -52,7 +52,7 @@ def expand(photos: Sequence[str], without: str | None = None) -> list[str]:
         if not inside:
             raise ImagingError(
                 f"{photo} must be a file, a folder with pictures ({' '.join(SUFFIXES)}), or a pattern "
-                "that matches at least one"
+                "that matches at least one file"
             )
         found += sorted(inside, key=_natural)
     return [path for path in found if without is None or not os.path.samefile(path, without)]
@@ -82,7 +82,7 @@ def skipped(photos: Sequence[str]) -> list[str]:
 def picture_recipe(
     ruler: Path | None, scale: str | None, choices: Mapping[str, Any]
 ) -> tuple[Recipe, dict[str, str]]:
-    """Build a recipe and the provenance entries for the table.
+    """Build a recipe, and the provenance entries for the table.
 
     Args:
         ruler: photograph of a ruler, if any.
@@ -91,7 +91,7 @@ def picture_recipe(
             all in SI.
 
     Raises:
-        ImagingError: the scale is missing or given twice, or a choice is invalid.
+        ImagingError: the scale is missing or stated twice, or a choice is invalid.
     """
     reading = {name: choices[name] for name in _OF_RULER if name in choices}
     choices = {name: one for name, one in choices.items() if name not in reading}
@@ -101,8 +101,8 @@ def picture_recipe(
         )
     if (ruler is None) == (scale is None):
         raise ImagingError(
-            "the scale must be given once, either as a photograph of a ruler (--ruler) or as a number "
-            "(--scale) such as 226.63+-0.02 px/in"
+            "the scale must be stated exactly once, either by a photograph of a ruler (--ruler) or by a "
+            "number (--scale), such as 226.63+-0.02 px/in"
         )
     recipe = Recipe(Scale.manual(1.0) if scale is None else parse_scale(scale), **choices)
     if ruler is None:
@@ -124,7 +124,7 @@ def picture_recipe(
 
 
 def parse_scale(text: str) -> Scale:
-    """Parse a scale; without `+-`, its standard error is the rounding error of the last digit.
+    """Parse a scale; if `+-` is missing, the standard error is the rounding error of the last digit.
 
     >>> round(parse_scale("226.63 px/in").stderr * 0.0254, 6)
     0.002887
@@ -132,7 +132,7 @@ def parse_scale(text: str) -> Scale:
     match = _SCALE.fullmatch(text)
     if match is None:
         raise ImagingError(
-            f"a scale must be a number with error and unit, such as 226.63+-0.02 px/in; got {text!r}"
+            f"a scale must be a number with an error and a unit, such as 226.63+-0.02 px/in; got {text!r}"
         )
     number, stderr, unit = match.groups()
     stderr = stderr or str(10.0 ** -len(number.partition(".")[2]) / math.sqrt(12))
@@ -141,9 +141,9 @@ def parse_scale(text: str) -> Scale:
 
 
 def check_sizes(ruler: str, paths: Sequence[str], recipe: Recipe) -> None:
-    """Check that the ruler's picture is cropped and scaled like those of the muscle.
+    """Check that the ruler's picture is cropped and scaled in the same way as those of the muscle.
 
-    A picture of the whole frame is also accepted if the recipe describes the crop.
+    If the recipe describes the crop, a ruler picture of the whole frame is also accepted.
 
     Raises:
         MixedSizes: the sizes differ, in the file or as recorded by the camera.
@@ -154,7 +154,7 @@ def check_sizes(ruler: str, paths: Sequence[str], recipe: Recipe) -> None:
             raise MixedSizes(
                 f"the ruler's picture has {one[0]} x {one[1]} px, but the muscle's pictures have "
                 f"{other[0]} x {other[1]} px, a ratio of {one[0] / other[0]:.4g} in width and "
-                f"{one[1] / other[1]:.4g} in height. They must be cropped and scaled alike: state the "
+                f"{one[1] / other[1]:.4g} in height. All must be cropped and scaled alike: state the "
                 "crop (--crop-offset, --frame-size), or confirm that the difference is intended "
                 "(--rescaled)",
                 path=ruler,
@@ -164,8 +164,8 @@ def check_sizes(ruler: str, paths: Sequence[str], recipe: Recipe) -> None:
 def check_known_sizes(table: Table, rest_length: float | None, diameter: float | None) -> None:
     """Check the scale against the known dimensions of the muscle.
 
-    A muscle contracts by less than half of its rest length and hardly ever extends beyond it. Its diameter
-    at most doubles.
+    A muscle contracts by less than half its rest length and hardly ever stretches beyond that length. Its
+    diameter at most doubles.
 
     Args:
         table: measurements.
@@ -185,8 +185,8 @@ def check_known_sizes(table: Table, rest_length: float | None, diameter: float |
         if not least <= low <= high <= most:
             raise ScaleContradiction(
                 f"the pictures show {low:.3g} to {high:.3g} times the {name} of {known * 1e3:.5g} mm; "
-                f"the ratio must be {least} to {most} for a muscle: correct the {name} or the scale. Check "
-                "the pitch of the ruler, and that no picture was resized"
+                f"for a muscle, the ratio must be {least} to {most}: correct the {name} or the scale. "
+                "Check the pitch of the ruler's marks, and that no picture was resized"
             )
 
 
@@ -218,13 +218,13 @@ def measure_pictures(
         photos: files, folders and patterns.
         recipe: see `picture_recipe`.
         provenance: see `process`; the picture in its `ruler` entry is not measured.
-        add_log: adds columns from a test machine's log, including `log_time`.
+        add_log: function that adds columns from a test machine's log, including `log_time`.
         rest_length: L0 [m]; None for the longest measured length.
         executor: see `process`.
-        system: units of CSV and plots.
+        system: units in the CSV file and plots.
         output: output folder, created if missing; finished rows in it are reused.
         overlays: number of pictures saved with the detected edges drawn on them.
-        rescaled: accept a ruler picture that differs in size from the others.
+        rescaled: True to accept a ruler picture that differs in size from the others.
         diameter: nominal diameter of the braid at rest, used to check the scale [m].
         progress: called with (pictures done, pictures).
 

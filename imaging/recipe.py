@@ -1,4 +1,4 @@
-"""Recipes: measurement settings, their TOML file, and the quality limits."""
+"""Recipes: the measurement settings, the TOML file that stores them, and the quality limits."""
 
 import dataclasses
 import math
@@ -13,27 +13,28 @@ from .camera import Camera, Scale, Tone
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Quality:
-    """Quality figures of one measurement; nan if not available.
+    """Quality figures for one measurement; a figure that is not available is nan.
 
     Attributes:
-        eta_value, eta_hue: separability of muscle and cloth and of tape and braid, 0 to 1.
-        blur_px: standard deviation of the edge's blur across the outline [px].
-        kappa: strength of the limb's root relative to its step, the larger of the two sides [px^-0.5]; 0
-            for a plateau, above 2 if the limb is nearly as dark as the cloth.
+        eta_value, eta_hue: separability of muscle from cloth, and of tape from braid, 0 to 1.
+        blur_px: standard deviation of the blur across the outline [px].
+        kappa: ratio of the square-root term to the step in the limb model (see `find_outline`), the larger
+            of the two sides [px^-0.5]. It is 0 if the brightness is constant inside the edge, and above 2
+            if the limb is nearly as dark as the cloth.
         axis_deviation: RMS deviation of the mid-line from a straight line, relative to the mean radius.
-        axis_kink: largest deviation of the mid-line from a cubic, relative to the mean radius. Rendered
-            muscles have at most 0.025; an object that covers a sixth of the radius gives 0.07 or more.
-        misfit: misfit of the limb model to the mean edge, relative to the step; raised by halo and
-            sharpening.
-        flank: excess of the mean edge over the model inside the edge, relative to the step; raised by
-            smear.
-        rim: brightness of the limb relative to the area inside it, see `EdgeProfile`. Values above 1
-            indicate gloss or a lamp behind the muscle.
+        axis_kink: largest deviation of the mid-line from a cubic, relative to the mean radius. It is at
+            most 0.025 in rendered pictures, and at least 0.07 if an object covers a sixth of the radius.
+        misfit: RMS difference between the mean edge and the limb model, relative to the step. Halos and
+            sharpening increase it.
+        flank: brightness of the mean edge in excess of the model, just inside the edge, relative to the
+            step. Motion blur increases it.
+        rim: brightness of the limb divided by that of the area inside it, see `EdgeProfile`. Values above
+            1 indicate gloss or a lamp behind the muscle.
         outlier_fraction: fraction of rows rejected as outliers.
-        residual_rms: RMS residual of the edge about its smooth curve [px].
+        residual_rms: RMS deviation of the edge from its smoothed curve [px].
         tape_sd_px: scatter of the tape edges about straight lines [px].
         tape_blur_px: blur of the tape edges along the axis, the larger of the two [px].
-        saturated: saturated fraction of the muscle.
+        saturated: fraction of the muscle's pixels that are saturated.
     """
 
     eta_value: float
@@ -52,10 +53,10 @@ class Quality:
     saturated: float
 
     def check(self) -> None:
-        """Raise the error assigned to the first figure beyond its limit.
+        """Check that every figure is within its limit.
 
         Raises:
-            ImagingError: one of its subclasses.
+            ImagingError: a figure is beyond its limit; the subclass names the cause.
         """
         across, along = max(self.blur_px, 1.0), max(self.tape_blur_px, 1.0)
         values = vars(self) | {"blur_ratio": max(self.tape_blur_px / across, self.blur_px / along)}
@@ -70,24 +71,24 @@ _LEAST = {"eta_value", "eta_hue"}
 """Figures with a lower limit; all others have an upper limit."""
 
 _SMEARED = (
-    "edges must be equally sharp along and across the axis; these are smeared: use a shorter exposure or "
-    "hold the muscle still, check the focus, wind straight-edged tapes away from steep shoulders, and "
-    "retake the picture"
+    "the edges must be equally sharp along and across the axis, but they are smeared: use a shorter "
+    "exposure or hold the muscle still, check the focus, use tapes with straight edges, keep them away "
+    "from steep shoulders, and retake the picture"
 )
 _ALIKE = (
-    "the two sides must be smooth and symmetric: check for a damaged picture, one side in shadow, or an "
-    "object in front of or next to the muscle"
+    "the two sides of the muscle must be smooth and symmetric: check for a damaged picture, one side in "
+    "shadow, or an object in front of or next to the muscle"
 )
 _CHECKS: tuple[tuple[str, float, type[errors.ImagingError], str], ...] = (
-    ("saturated", 0.2, errors.Overexposed, "clipped pixels hide the edges: use a shorter exposure"),
+    ("saturated", 0.2, errors.Overexposed, "saturated pixels hide the edges: use a shorter exposure"),
     ("eta_value", 0.7, errors.NoMuscle, "muscle and cloth must differ in brightness: use more light or a "
      "darker cloth"),
-    ("eta_hue", 0.75, errors.AmbiguousHue, "tape and braid must differ in colour: use tape of another "
+    ("eta_hue", 0.75, errors.AmbiguousHue, "tape and braid must differ in colour: use tape of a different "
      "colour"),
     ("kappa", 5.9, errors.Underexposed, "a limb is as dark as the cloth: light the muscle from both sides. "
      "If both sides were lit, the muscle moved: use a shorter exposure and retake the picture"),
     ("blur_ratio", 1.6, errors.MotionBlurred, _SMEARED),
-    ("blur_px", 3.5, errors.Defocused, "the muscle is out of focus: focus on its limb and "
+    ("blur_px", 3.5, errors.Defocused, "the muscle is out of focus: focus on its outline and "
      "retake the picture"),
     ("tape_blur_px", 4.0, errors.MotionBlurred, _SMEARED),
     ("flank", 0.2, errors.MotionBlurred, _SMEARED),
@@ -96,17 +97,17 @@ _CHECKS: tuple[tuple[str, float, type[errors.ImagingError], str], ...] = (
     ("axis_deviation", 0.15, errors.NoMuscle, _ALIKE),
     ("axis_kink", 0.05, errors.DamagedImage, _ALIKE),
     ("misfit", 0.02, errors.DamagedImage, "the mean edge must match the model of a lit body: put a dark "
-     "cloth behind the muscle if parts of the background resemble it, and switch off sharpening"),
-    ("tape_sd_px", 5.0, errors.AmbiguousHue, "the tape edges must be straight rings: check for a torn or "
+     "cloth behind the muscle if the background resembles it, and switch off sharpening in the camera"),
+    ("tape_sd_px", 5.0, errors.AmbiguousHue, "the edge of each tape must be straight: check for a torn or "
      "covered tape"),
 )  # fmt: skip
 """Figures of `Quality`, their limits, and the error for a value beyond the limit.
 
-`blur_ratio` is the larger ratio between the tape edges' blur along the axis and the outline's blur across
-it. With a lens blur of 1 px, a motion of 4 to 6 px during the exposure reaches its limit; one of 25 px
-reaches that of `flank`. Tape edges are a quarter softer than the outline even without motion. With a larger
-`kappa` the limb merges with the cloth. `misfit` is at most 0.005 in good pictures and about 0.012 after an
-unsharp mask of strength 2.
+`blur_ratio` compares the blur of the tape edges along the axis with the blur of the outline across it: the
+larger blur divided by the smaller. With a lens blur of 1 px, the limit of `blur_ratio` is reached if the
+muscle moves 4 to 6 px during the exposure, and the limit of `flank` if it moves 25 px. Even without motion,
+tape edges are a quarter softer than the outline. Above the limit of `kappa`, the limb merges with the
+cloth. `misfit` is at most 0.005 in good pictures and about 0.012 after an unsharp mask of strength 2.
 """
 
 
@@ -119,24 +120,27 @@ class Recipe:
     """Settings for measuring photographs taken with one camera set-up.
 
     Attributes:
-        scale: scale in the mid-plane.
-        distance: distance from camera to the muscle's axis [m]; None estimates it from the curvature of
-            the tape edges.
+        scale: scale in the plane of the muscle's axis.
+        distance: distance from the camera to the muscle's axis [m]; if None, it is estimated from the
+            curvature of the tape edges.
         centre: position (u, v) of the optical axis in the picture [px]; None for the middle of the
             frame.
         crop_offset: column and row of the picture's first pixel in the camera frame [px]; None for an
             uncropped picture or a centred crop.
         frame_size: width and height of the uncropped frame [px]; required with `crop_offset` unless
             `centre` is given.
-        k1: radial distortion of the lens, see `Camera`; None uses the ruler's estimate, or 0.
-        tone: the camera's tone curve; None assumes sRGB and allows for other curves in the errors.
-        orientation: orientation of the muscle in the picture; "auto" detects it. A horizontal muscle
-            is rotated clockwise by a quarter turn before the measurement.
+        k1: radial distortion of the lens, see `Camera`; if None, the estimate from the ruler is used, or 0
+            without a ruler.
+        tone: the camera's tone curve; if None, sRGB is assumed and the standard errors allow for other
+            curves.
+        orientation: orientation of the muscle in the picture; "auto" detects it. A picture of a horizontal
+            muscle is rotated a quarter turn clockwise before the measurement.
         tape_diameter: known diameter of the tapes on the fittings [m], used to check the scale.
-        braid_angle: also measure the braid angle from the weave; doubles the computing time.
+        braid_angle: True to measure the braid angle from the weave as well; this doubles the computing
+            time.
 
     Raises:
-        ImagingError: an unknown option, a value outside its range, or an incomplete crop.
+        ImagingError: a value is out of range, or the crop is not fully described.
     """
 
     scale: Scale
@@ -161,7 +165,7 @@ class Recipe:
             )
         if self.crop_offset is not None and self.frame_size is None and self.centre is None:
             raise errors.ImagingError(
-                "a crop_offset requires the frame_size of the uncropped frame, or the centre"
+                "crop_offset requires frame_size (the size of the uncropped frame) or centre"
             )
         for name in ("centre", "crop_offset"):  # floats, as read back from a recipe file
             place = getattr(self, name)
@@ -181,7 +185,7 @@ class Recipe:
             if u < 0 or v < 0 or u + width > frame_width or v + height > frame_height:
                 raise errors.ImagingError(
                     f"the pictures, {width} x {height} px at crop_offset {self.crop_offset}, must lie "
-                    f"within the frame of {frame_width} x {frame_height} px"
+                    f"within the camera frame of {frame_width} x {frame_height} px"
                 )
             centre = (frame_width - 1) / 2 - u, (frame_height - 1) / 2 - v
         k1 = self.scale.k1 if self.k1 is None else self.k1
@@ -189,17 +193,17 @@ class Recipe:
 
     @property
     def camera_distance(self) -> float:
-        """Stated distance, or 60 in as in the reference work [m]."""
+        """Stated camera distance [m]; if none was stated, 60 in as in the reference work."""
         return REFERENCE_DISTANCE if self.distance is None else self.distance
 
     @property
     def tone_curve(self) -> Tone:
-        """Stated tone curve, or sRGB."""
+        """Stated tone curve; sRGB if none was stated."""
         return Tone.srgb() if self.tone is None else self.tone
 
     @property
     def smoothing_px(self) -> float:
-        """Resolution along the axis [px]."""
+        """Resolution of the smoothing along the axis [px]."""
         return max(8.0, _RESOLUTION * self.scale.px_per_m)
 
 
@@ -210,9 +214,9 @@ _FORM = Form(
 
 
 def recipe_text(recipe: Recipe) -> str:
-    """Return the recipe as TOML, in SI.
+    """Return the recipe as TOML text, in SI units.
 
-    A field that is None is omitted if None is its default, and written as "none" otherwise.
+    A field that is None is omitted if its default is None, and written as "none" otherwise.
     """
     tone = recipe.tone
     entries = to_entries(dataclasses.replace(recipe, tone=None), _FORM)

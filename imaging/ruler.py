@@ -27,7 +27,7 @@ _MOST = 12  # strips tried
 
 @dataclasses.dataclass(frozen=True)
 class Line:
-    """A straight line in a picture, and the strip around it that is averaged.
+    """A straight line in a picture, and the strip around it over which brightness is averaged.
 
     Attributes:
         origin: u, v of the first sample [px].
@@ -49,7 +49,7 @@ class Line:
         return np.array([-self.along[1], self.along[0]])
 
     def profile(self, light: Single, *, part: float = 0.0) -> Array:
-        """Return the mean across the strip at each sample, shape (samples,).
+        """Return the mean brightness across the strip at each sample, shape (samples,).
 
         Args:
             light: picture, shape (h, w).
@@ -71,10 +71,10 @@ class Line:
 
 
 def regular_strips(luma: Image) -> list[Line]:
-    """Return strips with periodic brightness along the ruler, the most regular first.
+    """Return strips with periodic brightness along the ruler, the most regular one first.
 
-    The marks of a ruler are perpendicular to its sides. The mean gradient direction, modulo a quarter
-    turn, therefore gives two possible directions of the ruler, and both are searched.
+    The marks on a ruler are perpendicular to its sides. The mean gradient direction, modulo a quarter
+    turn, therefore leaves two possible directions for the ruler, and both are searched.
 
     Args:
         luma: picture, shape (h, w).
@@ -116,7 +116,7 @@ def _upright(luma: Image, turn: float) -> tuple[Single, Array]:
 
 
 def _periodic(upright: Single) -> list[tuple[float, float, float, float]]:
-    """Return score, middle column, width and pitch of runs of columns that are periodic along the rows."""
+    """Return score, middle column, width and pitch for runs of columns with periodic brightness."""
     means = cv2.blur(upright, (_STRIP, 1), borderType=cv2.BORDER_REFLECT)
     strips = np.asarray(means)[:, _STRIP // 2 :: _STRIP // 2].T
     slope = np.diff(strips, axis=1)
@@ -164,7 +164,7 @@ _NUMBERINGS = 4
 
 
 class Numbered(NamedTuple):
-    """Numbered marks and their fit.
+    """Numbered marks and the scale fitted to them.
 
     Attributes:
         number: mark numbers n, integers, shape (m,).
@@ -187,7 +187,7 @@ class Numbered(NamedTuple):
 
 
 def marks_of(profile: Array, pitch: float) -> Array:
-    """Return the centres of the marks along a profile [px], dark on light or light on dark.
+    """Return the centres [px] of the marks along a profile, whether dark on light or light on dark.
 
     Each mark has two gradient extrema of opposite sign. Their midpoint is independent of blur, exposure
     and tone curve. Marks are assumed to be narrower than gaps.
@@ -197,7 +197,7 @@ def marks_of(profile: Array, pitch: float) -> Array:
         pitch: approximate spacing of the marks [px].
 
     References:
-        Chambers 2021, section 4.2.1, finds hatch marks by their gradient extrema.
+        Chambers 2021, section 4.2.1, which finds hatch marks by their gradient extrema.
     """
     least, wanted, most = _EDGE_SMOOTHING
     sigma = float(np.clip(wanted * pitch, least, most))
@@ -234,10 +234,10 @@ def _extrema(slope: Array) -> Array:
 
 
 def numbered(places: Array, pitch: float) -> Numbered | None:
-    """Return the largest set of marks on one projective scale; None for fewer than four marks.
+    """Return the largest set of marks on one projective scale; None if there are fewer than four marks.
 
-    A plane ruler at any tilt has px(n) = (a + b n) / (1 + c n). Marks are first counted from one to the
-    next, then numbered by the fit, until the numbers no longer change.
+    On a plane ruler at any tilt, the marks lie at px(n) = (a + b n) / (1 + c n). They are first counted
+    from one to the next, then renumbered with the fit until the numbers no longer change.
 
     Args:
         places: centres of the marks, increasing [px], shape (m,).
@@ -282,7 +282,7 @@ def _counted(places: Array, pitch: float) -> tuple[Indices, Flags]:
 
 
 def _one_each(number: Indices, off: Array, among: Flags) -> Flags:
-    """Select the mark nearest to the model for each number."""
+    """For each number, select the mark nearest to the model."""
     order = np.lexsort((off, ~among, number))
     nearest = np.zeros(order.size, bool)
     nearest[order[np.unique(number[order], return_index=True)[1]]] = True
@@ -335,8 +335,8 @@ def choose_strip(luma: Image, light: Single) -> Strip:
         light: the same picture in linear light.
 
     Raises:
-        RulerNotFound: no strip has 8 evenly spaced marks.
-        AmbiguousRuler: another edge has a different spacing.
+        RulerNotFound: no strip has at least 8 evenly spaced marks.
+        AmbiguousRuler: the marks on another edge have a different spacing.
     """
     lines = regular_strips(luma)
     strips = [strip for line in lines if (strip := read_strip(light, line)) is not None]
@@ -359,7 +359,7 @@ def read_strip(light: Single, line: Line) -> Strip | None:
 
 
 def is_ruler(marks: Numbered, part: float = _ON_MODEL) -> bool:
-    """Return True if the marks are sharp, number at least 8, and include this part of those expected."""
+    """Return True for at least 8 sharp marks that are at least this fraction of those expected."""
     enough = marks.number.size >= max(FEWEST, part * (int(np.ptp(marks.number)) + 1))
     return enough and marks.residual <= _SHARP * marks.pitch
 
@@ -367,7 +367,7 @@ def is_ruler(marks: Numbered, part: float = _ON_MODEL) -> bool:
 def _check_unique(light: Single, best: Strip, strips: list[Strip]) -> None:
     """Check that every other strip shows the same marks, or only the longer ones among them.
 
-    Numerals next to every eighth mark are periodic as well, but less exactly.
+    Numerals next to every eighth mark are also periodic, but less exactly.
     """
     others = [
         strip
@@ -391,7 +391,7 @@ def _check_unique(light: Single, best: Strip, strips: list[Strip]) -> None:
 
 
 def _run_together(light: Single, fine: Strip, coarse: Strip) -> bool:
-    """Return True if the marks of the coarse strip continue to the fine one, as longer marks do."""
+    """Return True if the marks in the coarse strip extend to the fine strip, as longer marks do."""
     across = coarse.line.across
     way = float((fine.line.origin - coarse.line.origin) @ across)
     for part in (0.25, 0.5, 0.75):
@@ -411,9 +411,9 @@ _READINGS = {
     8: (0.125 * INCH,), 16: (0.0625 * INCH,), 32: (INCH / 32,), 64: (INCH / 64,),
     10: (0.001, 0.1 * INCH), 20: (0.0005, 0.05 * INCH),
 }  # fmt: skip
-"""Possible pitches [m] for each number of marks per numeral: inches in powers of two, centimetres, and
-tenths and twentieths of an inch. Most rulers have longer fourth marks, so a period of four does not
-identify the pitch."""
+"""Possible pitches [m] for each number of marks per numeral: binary fractions of an inch, millimetres and
+half-millimetres, tenths and twentieths of an inch. On most rulers, every fourth mark is longer, so a period
+of four does not identify the pitch."""
 
 _REACH = 24  # distance from the marks within which longest marks and numerals are sought [pitches]
 _ACROSS = 0.25  # spacing of the lines searched [pitches]
@@ -449,8 +449,8 @@ def marks_per_number(light: Single, strip: Strip) -> int | None:
     """Return the number of marks between numerals, or between the longest marks; None if not visible.
 
     The ink around the position of each mark is summed along lines parallel to the marks' strip. The period
-    of a line is the shortest one that explains almost as much variance as the best. The longest period of
-    all lines is that of the numerals, because shorter marks repeat more often.
+    of a line is the shortest one that explains almost as much variance as the best one. The longest period
+    of all lines is that of the numerals, because shorter marks repeat more often.
     """
     line, marks = strip.line, strip.marks
     first, last = int(marks.number.min()), int(marks.number.max())
@@ -472,7 +472,7 @@ def marks_per_number(light: Single, strip: Strip) -> int | None:
 
 
 def _ink(profiles: Array, fit: Array, first: int, last: int) -> Array:
-    """Return the ink around each mark, the mean deviation from the line's median, (lines, marks)."""
+    """Return the ink around each mark: the mean deviation from the line's median, shape (lines, marks)."""
     at = _place(np.arange(first - 0.5, last + 1), *fit)
     edges = np.clip(np.sort(np.rint(at)).astype(int), 0, profiles.shape[1])
     inside = profiles[:, edges[0] : max(edges[-1], edges[0] + 1)]
@@ -511,14 +511,15 @@ def lens_of_marks(strip: Strip, camera: Camera) -> tuple[Camera, float | None]:
     """Return the camera with the distortion k1 estimated from the marks, and the standard error of k1.
 
     Without distortion, evenly spaced marks follow px(n) = (a + b n) / (1 + c n). A term k1 r^3 does not
-    have this form, so k1 is found by least squares. A k1 below three standard errors is set to zero.
+    have this form, so k1 can be found by least squares. If its magnitude is below three standard errors,
+    k1 is set to zero.
 
     Args:
         strip: strip with the marks.
         camera: camera with unknown k1; its scale may be wrong by a few percent.
 
     Returns:
-        The camera, and the standard error; None if the marks are too close to the optical axis.
+        The camera, and the standard error, which is None if the marks are too close to the optical axis.
     """
 
     def left_over(_: Indices, one_more: float) -> Array:
@@ -560,34 +561,36 @@ def calibrate_ruler(
     centre: tuple[float, float] | None = None, k1: float | None = None, tone: Tone | None = None,
     placement_stderr: float | None = None,
 ) -> Scale:  # fmt: skip
-    """Measure the scale in the mid-plane from a ruler at the height of the optical axis.
+    """Measure the scale in the plane of the muscle's axis from a ruler at the height of the optical axis.
 
     The mark positions follow px(n) = (a + b n) / (1 + c n) exactly for any tilt in depth. The tilt is
     sin(tilt) = d c / (1 + c n0) per metre of ruler, with n0 at the optical axis; the scale there is the
     slope divided by cos(tilt). The picture does not show how far the ruler was in front of or behind the
-    muscle's axis: an offset e changes the scale by e / d.
+    muscle's axis: an offset e causes a relative error of e / d in the scale.
 
     Args:
         image: path of a picture, or an RGB array, dtype uint8, shape (h, w, 3). The ruler may have any
             orientation, dark or light marks of several lengths, and numerals.
-        pitch: spacing of the finest regular marks [m]; None infers it from the number of marks between
-            numerals or longest marks.
-        distance: distance d from camera to mid-plane [m].
+        pitch: spacing of the finest regular marks [m]; if None, it is inferred from the number of marks
+            between numerals or between the longest marks.
+        distance: distance d from the camera to the plane of the muscle's axis [m].
         centre: position (u, v) of the optical axis in the picture [px]; None for the middle.
-        k1: radial distortion, see `Camera`; None estimates it from the marks and uses it if it exceeds
+        k1: radial distortion, see `Camera`; if None, it is estimated from the marks and used if it exceeds
             three standard errors.
         tone: the camera's tone curve, by default sRGB; its influence is small.
-        placement_stderr: standard error of the ruler's position in depth [m], included in that of the
-            scale. None assumes that the ruler is in the plane; measurements then issue a warning.
+        placement_stderr: standard error of the ruler's position in depth [m], included in the standard
+            error of the scale. If None, the ruler is assumed to lie in the plane of the muscle's axis, and
+            measurements carry a warning.
 
     Returns:
         The scale; `tilt_deg` is positive if the lower or right end is further away.
 
     Raises:
-        RulerNotFound: too few regular marks, too many outliers, or a scale error above 0.1 %.
+        RulerNotFound: there are too few regular marks or too many outliers, or the standard error of the
+            scale exceeds 0.1 %.
         AmbiguousRuler: the two edges have different marks, or the pitch is ambiguous.
         UnreadableImage, DamagedImage: see `read_image`.
-        ImagingError: a value outside its range.
+        ImagingError: a value is out of range.
 
     References:
         Chambers 2021, section 4.2.1.
@@ -617,7 +620,7 @@ def calibrate_ruler(
 
 
 def _aligned(light: Single, strip: Strip) -> Strip:
-    """Return the strip rotated until both halves show the marks at the same positions."""
+    """Return the strip, rotated until both of its halves show the marks at the same positions."""
     line = strip.line
     for _ in range(_TURNS):
         halves = [marks_of(line.profile(light, part=part), line.pitch) for part in (-1.0, 1.0)]
@@ -656,8 +659,8 @@ def _scale(
     random = math.sqrt(gradient @ marks.covariance @ gradient)
     if not random <= _LEAST_EXACT * px_per_m:
         raise RulerNotFound(
-            f"the marks must determine the scale to within {_LEAST_EXACT:.1%}; they are too few or scatter "
-            "too much: check that the ruler is in focus and that its finest marks are at least 5 px apart",
+            f"the marks must determine the scale to within {_LEAST_EXACT:.1%}, but they are too few or "
+            "scatter too much: check that the ruler is in focus, with its finest marks at least 5 px apart",
             relative_stderr=random / px_per_m,
         )
     return Scale(

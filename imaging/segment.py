@@ -69,7 +69,7 @@ class Split(NamedTuple):
 def otsu_split(values: Image) -> Split:
     """Split 8-bit values at Otsu's level, and compute the separability of the two classes.
 
-    eta(k) = w0 w1 (m1 - m0)^2 / sigma^2. scikit-image computes the level.
+    eta(k) = w0 w1 (m1 - m0)^2 / sigma^2. The level is computed by scikit-image.
 
     Args:
         values: any shape.
@@ -114,7 +114,7 @@ class MuscleMask(NamedTuple):
 
     Attributes:
         lit: well-lit part, 255 inside, shape (h, w).
-        whole: the same, plus the shaded side and rods with glare.
+        whole: the well-lit part, the shaded side, and rods with glare, 255 inside, shape (h, w).
         eta: separability of muscle and cloth, 0 to 1; nan if the muscle was not found by its brightness.
     """
 
@@ -126,8 +126,8 @@ class MuscleMask(NamedTuple):
 def muscle_mask(rgb: Image) -> MuscleMask:
     """Find the largest object that is brighter or more strongly coloured than the cloth.
 
-    Otsu's level is applied to the brightest of the three colours. It is also applied to max - min of the
-    colours if that has two classes, because a dark blue tape is no brighter than the cloth.
+    The brightest of the three colours is split at Otsu's level. The difference between the brightest and
+    the darkest is also split if it has two classes, because a dark blue tape is no brighter than the cloth.
 
     Raises:
         NoMuscle: no connected object stands out.
@@ -158,7 +158,7 @@ def muscle_mask(rgb: Image) -> MuscleMask:
 
 
 def _with_shaded_side(lit: Mask, value: Image, split: Split) -> Mask:
-    """Extend the lit part of the muscle by adjacent pixels that are brighter than the cloth."""
+    """Extend the lit part of the muscle to adjacent pixels that are brighter than the cloth."""
     cloth = value[shaped(lit, cv2.MORPH_DILATE, 9) == 0]
     if cloth.size == 0:
         return lit
@@ -179,10 +179,10 @@ _LEAST = 12.0  # levels between muscle and border
 
 
 def mask_against_border(rgb: Image) -> MuscleMask:
-    """Find the largest object that differs from the left and right borders of its rows, by GrabCut.
+    """Find the largest object that differs from the left and right borders of its rows, using GrabCut.
 
-    The background of a row has the colour of the left border, that of the right border, or the colour
-    interpolated between them. This covers two adjacent cloths and a wall in uneven light.
+    The background of a row is assumed to have the colour of the left border, that of the right border, or a
+    colour interpolated between them. This includes two adjacent cloths and a wall in uneven light.
 
     Args:
         rgb: picture, shape (h, w, 3).
@@ -254,12 +254,12 @@ _FEWEST = 50  # pixels of a class
 
 
 def split_by_colour(rgb: Image, muscle: Mask) -> tuple[Mask, float]:
-    """Separate the tape's pixels, whose colour covers the smaller area, from the braid's.
+    """Separate the pixels of the tapes from those of the braid; the tapes cover the smaller area.
 
-    Chromaticity c = (R, G, B) / (R + G + B) is independent of the strength of the light. Otsu's split
-    along its first principal axis gives two classes. A second split along the line between their means
-    refines them. A fitting or a hose may have a third colour: if the class of the tapes contains two
-    colours one behind the other along the muscle, the outer one is removed. White braids and red tapes
+    Chromaticity c = (R, G, B) / (R + G + B) is independent of the strength of the light. It is split into
+    two classes by Otsu's method along its first principal axis, and again along the line between the means
+    of these classes. A fitting or a hose may have a third colour: if the class of the tapes contains two
+    colours, one after the other along the muscle, the outer one is removed. White braids and red tapes
     need no special treatment, because no hue is computed.
 
     Args:
@@ -281,7 +281,7 @@ def split_by_colour(rgb: Image, muscle: Mask) -> tuple[Mask, float]:
 
 
 def _two_colours(sample: NDArray[np.floating]) -> tuple[NDArray[np.floating], float, float]:
-    """Return direction and level in chromaticity that separate two classes, and their separability."""
+    """Return the direction and level in chromaticity that separate two classes, and the separability."""
     colour = _chromaticity(sample)
     along, nothing = np.linalg.eigh(np.cov(colour.T))[1][:, -1], (np.ones(3), 1.0, 0.0)
     for last in (False, True):
@@ -310,8 +310,8 @@ def _beyond(rgb: Image, along: NDArray[np.floating], level: float) -> Flags:
 def _without_fittings(rgb: Image, mask: Mask, muscle: Mask) -> Mask:
     """Remove colours that lie beyond the tapes, such as those of a fitting or a hose.
 
-    The class is split into three colours, such as tape, gloss on the tape and a grey fitting. A colour is
-    removed if it begins, along the muscle, where the others end.
+    The pixels in `mask` are split into three colours, such as tape, gloss on the tape and a grey fitting.
+    A colour is removed if, along the muscle, it begins where the others end.
     """
     braid, at = (np.argwhere(each) for each in ((muscle > 0) & (mask == 0), mask > 0))
     if min(len(braid), len(at)) < _FEWEST:
@@ -340,8 +340,8 @@ def _without_fittings(rgb: Image, mask: Mask, muscle: Mask) -> Mask:
 def _cut(values: NDArray[np.floating]) -> tuple[float, float]:
     """Return the level between two classes of values, and their separability.
 
-    The level is equally far from both means, measured in each class's standard deviation. Otsu's level is
-    midway between the means and would cut into the wider class, such as that of a glossy tape.
+    The level is the same number of standard deviations of each class from its mean. Otsu's level is midway
+    between the means and would cut into the wider class, such as that of a glossy tape.
     """
     low, high = np.percentile(values, [0.2, 99.8])
     if not high > low:
@@ -380,7 +380,7 @@ class Patch(NamedTuple):
 
 
 def two_tapes(coloured: Mask, muscle: Mask, eta: float) -> tuple[Patch, Patch]:
-    """Find the two tapes; the upper one comes first, or the left one if they are at the same height.
+    """Return the two tapes: the upper one first, or the left one if they are at the same height.
 
     Parts divided by a streak of gloss are joined. Parts with less than a fifth of the pixels of the
     largest part are ignored.
@@ -411,11 +411,11 @@ def two_tapes(coloured: Mask, muscle: Mask, eta: float) -> tuple[Patch, Patch]:
     for holds, error, text in (
         (n < 2 and clipped, errors.Clipped, f"both tapes must be visible, and {_WHOLE}"),
         (n == 0 or (n != 2 and eta < TWO_CLASSES), errors.AmbiguousHue,
-         "the tapes must differ in colour from the braid: use tape of another colour"),
+         "the tapes must differ in colour from the braid: use tape of a different colour"),
         (n == 1, errors.MissingFitting,
-         "two tapes must be visible; only one is: check whether the other is covered, dark or colourless"),
+         "two tapes must be visible, but only one is: check if the other is covered, dark or colourless"),
         (n > 2, errors.ExtraFitting,
-         "exactly two tapes must be visible: remove other objects of their colour, or crop the picture"),
+         "exactly two tapes must be visible: remove other objects of the same colour, or crop the picture"),
     ):  # fmt: skip
         if holds:
             raise error(text, tapes=n, eta_hue=eta)
@@ -449,7 +449,7 @@ class TapeBand(NamedTuple):
 
     @property
     def middle(self) -> float:
-        """Column of the middle."""
+        """Column in the middle of the box."""
         return (self.box[2] + self.box[3]) / 2
 
     def moved(self, step: int, v0: int, u0: int) -> "TapeBand":
@@ -493,8 +493,8 @@ def segment(rgb: Image) -> Segmentation:
 
     `muscle_mask` separates the muscle from a dark cloth. If it finds no muscle with two tapes, or if
     muscle and cloth are poorly separated, `mask_against_border` is tried. `split_by_colour` separates the
-    tapes from the braid. Large pictures take two passes, a coarse one for the position and one with
-    every fourth pixel.
+    tapes from the braid. Large pictures are segmented in two passes: a coarse one that finds the position,
+    and one with every fourth pixel.
 
     Args:
         rgb: picture, shape (h, w, 3).
@@ -573,7 +573,7 @@ def _segmented(rgb: Image, mask_by: Callable[[Image], MuscleMask]) -> Segmentati
     )
     if min(cloth.size, braid.size, tape.size) == 0:
         raise errors.NoMuscle(
-            "cloth, braid and tapes must all be visible; one of them has no pixels"
+            "cloth, braid and tapes must all be visible, but one of them has no pixels"
         )
     return Segmentation(
         rows=rows + v0, left=np.interp(rows, at, left * step) + u0,
@@ -606,7 +606,7 @@ _ONE_SIDED = 1.3  # of the braid's light
 
 
 def edge_light(rgb: Image, coarse: Segmentation, tone: Tone) -> tuple[Image, Single]:
-    """Return the picture in which the outline is located, and the amount of muscle for each luma value.
+    """Return the picture in which to locate the outline, and the amount of muscle for each luma value.
 
     If the muscle is darker than the background, the picture is inverted.
 

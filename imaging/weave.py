@@ -1,4 +1,4 @@
-"""Measure the braid angle along a muscle from the spectrum of its unrolled front."""
+"""Measure the braid angle along a muscle from the spectrum of its front, unrolled to a plane."""
 
 import dataclasses
 import math
@@ -21,11 +21,12 @@ _STRONGEST = 0.25  # limit of the contrast, so that sparkles and black threads c
 
 
 class Unrolled(NamedTuple):
-    """Contrast of the surface that faces the camera.
+    """Contrast on the surface that faces the camera, unrolled to a plane.
 
     Attributes:
-        azimuth: azimuth of the columns from the line of sight to the axis [rad], shape (m,), uniform.
-        y: position of the rows, as in `Silhouette` [m], shape (n,), uniform.
+        azimuth: azimuth of the columns, measured from the line of sight to the axis [rad], evenly spaced,
+            shape (m,).
+        y: position of the rows, as in `Silhouette` [m], evenly spaced, shape (n,).
         arc: length along the meridian from the first row [m], shape (n,).
         radius: R at y [m], shape (n,).
         contrast: brightness divided by its local mean, minus one, shape (n, m).
@@ -39,7 +40,7 @@ class Unrolled(NamedTuple):
 
 
 def unrolled(rgb: Image, camera: Camera, body: Silhouette, first: float, last: float) -> Unrolled:
-    """Unroll the front of a body at a spacing of one pixel, corrected for perspective, roll and lens.
+    """Unroll the front of a body at a spacing of one pixel, correcting perspective, roll and distortion.
 
     The point at azimuth psi and position y is (x0 + R sin(psi'), y, d - R cos(psi')). psi' is measured from
     the optical axis, and psi from the line of sight to the body's axis.
@@ -102,9 +103,9 @@ class Directions(NamedTuple):
 
     Attributes:
         cosine_per_radius: c in cos(theta) = c R [1/m], for threads of equal length.
-        contrast: mean logarithm of the energy on the yarns' rays relative to the median ray.
+        contrast: mean logarithm of the energy on the yarns' rays relative to that on the median ray.
         apparent: number of yarns around the circumference in each direction, from the spectrum [-]; nan
-            without a peak.
+            if the spectrum has no peak.
     """
 
     cosine_per_radius: float
@@ -112,7 +113,7 @@ class Directions(NamedTuple):
     apparent: float
 
     def twist_rate(self, radius: Array) -> Array:
-        """Return the azimuth of a yarn per arc length, cot(theta) / R [rad/m], at these radii."""
+        """Return a yarn's change of azimuth per arc length, cot(theta) / R [rad/m], at these radii."""
         c = self.cosine_per_radius
         return c / np.sqrt(1 - np.minimum(c * radius, float(_COSINES[-1])) ** 2)
 
@@ -142,8 +143,9 @@ def directions(surface: Unrolled, px: float) -> Directions | None:
     """Return the yarns' direction along the whole muscle; None if the picture is too small.
 
     The spectrum of a pattern that is constant along the yarns of one family lies on the ray perpendicular
-    to them, even if the yarns differ. In units of the window's widths, the power is symmetric about this
-    ray. All windows together determine c in cos(theta) = c R, which holds for threads of equal length.
+    to the yarns, even if the yarns differ from each other. If frequencies are scaled by the widths of the
+    window, the power is symmetric about this ray. The constant c in cos(theta) = c R, which holds for
+    threads of equal length, is determined from all windows together.
 
     Args:
         surface: unrolled front.
@@ -236,7 +238,7 @@ class Waves:
         surface: unrolled front.
         seen: direction of the yarns in the whole pattern.
         width: standard deviation of the windows along the meridian [m].
-        spacing: spacing of the windows relative to their width.
+        spacing: spacing of the windows, relative to `width`.
 
     Attributes:
         centres: centres of the windows along the meridian [m], shape (w,).
@@ -262,11 +264,11 @@ class Waves:
             self._windows.append((rows, weight / weight.sum(), off))
 
     def twist_rates(self, n: float) -> tuple[Array, Array]:
-        """Return the azimuth per arc length g of both families, for n yarns in each direction.
+        """Return g, the change of azimuth per arc length, of both families for n yarns in each direction.
 
         Returns:
             g: [rad/m], shape (2, w).
-            part: fraction of the power at n / (2 pi) due to the family's wave, shape (2, w).
+            part: fraction of the power at n / (2 pi) that is due to the family's wave, shape (2, w).
         """
         k = n / (2 * np.pi)
         spectrum = rows_of(self.surface, k * np.array(_HARMONICS))
@@ -291,10 +293,10 @@ class Waves:
         return float(f[0] + top * (f[1] - f[0])), float(power.max()) / max(total, 1e-30)
 
     def phase_across(self, n: float, rates: Array, harmonic: int) -> tuple[float, float]:
-        """Return the phase of a harmonic on the right relative to the left, minus that of n yarns.
+        """Return the phase of a harmonic on the right relative to the left, minus that expected of n yarns.
 
         Returns:
-            The phase [rad], and the agreement among all windows, 0 to 1.
+            The phase [rad], and how well all windows agree, 0 to 1.
         """
         k = np.array([harmonic * n / (2 * np.pi)])
         left, right = (
@@ -314,10 +316,11 @@ class Waves:
 def count_yarns(waves: Waves, apparent: float) -> tuple[float, float]:
     """Return the number of yarns in each direction, an integer if counted, and its standard error.
 
-    Shading shifts the crests between left and right, those of the second harmonic by about half as much as
-    those of the first. 2 n_2 - n_1 is free of the shift if it is exactly half. Lamps near the camera add up
-    to one yarn in 24. Braiding machines use even numbers of yarns, so an even number is accepted if n_1,
-    n_2 and 2 n_2 - n_1 are all close to it. Otherwise n_2 minus its usual excess is returned.
+    The yarns are counted from the phase between left and right, which yields n_1 from the first harmonic
+    and n_2 from the second. Shading shifts the crests of the second harmonic by about half as much as
+    those of the first; if it is exactly half, 2 n_2 - n_1 is free of the shift. Lamps near the camera add
+    up to one yarn in 24. Braiding machines use even numbers of yarns, so an even number is accepted if
+    n_1, n_2 and 2 n_2 - n_1 are all close to it. Otherwise, n_2 minus its usual excess is returned.
 
     Args:
         waves: waves of the muscle.
@@ -372,8 +375,8 @@ class BraidAngle:
         yarns: number around the circumference in each direction, an integer if counted, otherwise an
             estimate; nan if no yarns are visible.
         yarns_stderr: standard error of the number, 0 if counted; nan if no yarns are visible.
-        turns: turns N of a thread over the length, computed for threads of equal length where the angle is
-            not resolved.
+        turns: turns N of a thread over the length; where the angle is not resolved, threads of equal
+            length are assumed.
     """
 
     z: Array
@@ -397,7 +400,7 @@ class BraidAngle:
 
     @property
     def mean(self) -> float:
-        """Mean angle where it is resolved [rad]; nan if it is not resolved anywhere."""
+        """Mean of the angle where it is resolved [rad]; nan if it is not resolved anywhere."""
         return float(np.nanmean(self.angle)) if self.resolved.any() else math.nan
 
     @property
@@ -412,22 +415,24 @@ def braid_angle(
     """Measure the braid angle from the spectrum of the weave along the muscle.
 
     The front is unrolled to azimuth phi and arc length s, where a yarn has d phi / ds = +-g with
-    g = cot(theta) / R. n yarns in 2 pi make a wave of n / (2 pi) per radian across the front. Along s, the
-    frequency of the wave is f = g n / (2 pi), measured in Gaussian windows. A lamp shifts the crests of
-    round yarns towards itself and stretches the pattern sideways by up to 4 %. Counting n corrects this,
-    because n is an integer, and even in a two-over-two braid. Along s, the shift is proportional to the
-    slope of the meridian, and its typical amount is subtracted.
+    g = cot(theta) / R. The n yarns around the circumference form a wave with n / (2 pi) periods per radian
+    across the front. Along s, the wave has the frequency f = g n / (2 pi), which is measured in Gaussian
+    windows. A lamp shifts the crests of round yarns towards itself and stretches the pattern sideways by up
+    to 4 %. Counting the yarns corrects this, because n is an integer, and an even one in a two-over-two
+    braid. Along s, the crests shift in proportion to the slope of the meridian; the typical shift is
+    subtracted.
 
     Args:
         photo: picture.
         body: body of revolution with the measured outline.
         first: position y of the upper tape's inner edge [m].
         last: position y of the lower tape's inner edge [m].
-        relative_stderr: relative standard error of the diameter without that of the scale.
+        relative_stderr: relative standard error of the diameter, excluding that of the scale.
 
     Returns:
         The angle in windows with a standard deviation of half the mean radius, or more for fewer than 28
-        yarns. The windows are half a standard deviation apart, and at least 1.5 from the tapes.
+        yarns. The windows are half a standard deviation apart, and at least 1.5 standard deviations from
+        the tapes.
     """
     surface = unrolled(photo.rgb, photo.camera, body, first, last)
     seen = directions(surface, 1 / photo.camera.px_per_m)
@@ -489,7 +494,7 @@ def _tilt(surface: Unrolled, seen: Directions, waves: Waves) -> Array:
 
 
 def _scatter(half: Array, good: Flags) -> Array:
-    """Return the random error of the families' mean, from half their difference without its trend."""
+    """Return the random error of the mean of both families, from half their difference, detrended."""
     if np.count_nonzero(good) < _FEWEST:
         return np.full(half.shape, np.nan)
     x = np.linspace(-1, 1, half.size)

@@ -1,8 +1,8 @@
 """Test rig: protocol, link, journal, plans and simulation.
 
-Start with `read_plan` and `Rig`, which controls the pressure and always vents on exit. `read_journal` reads
-a journal and `audit` checks it; `rig.simulation` simulates a rig without hardware. For the firmware, wiring
-and safety rules see `rig/firmware/README.md`.
+Start with `read_plan` and `Rig`, which controls the pressure and always vents the muscle on exit.
+`read_journal` reads a journal and `audit` checks it; `rig.simulation` simulates a rig without hardware. For
+the firmware, wiring and safety rules, see `rig/firmware/README.md`.
 """
 
 import lazy_loader

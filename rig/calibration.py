@@ -1,7 +1,7 @@
-"""Calibration of a rig: sensors, and the feed-forward output that holds a pressure.
+"""Calibration of a rig: its sensors, and the feed-forward output that holds a pressure.
 
-`read_calibration` reads a TOML file with units in every key; `fit_sensor` and `fit_feed_forward` fit its
-parts.
+`read_calibration` reads a TOML file with units in every key; `fit_sensor` and `fit_feed_forward` fit the
+parts of a calibration.
 """
 
 import dataclasses
@@ -35,7 +35,7 @@ def pressure_text(pressure: float, unit: str) -> str:
 
 @dataclasses.dataclass(frozen=True)
 class Sensor:
-    """Linear sensor; nonlinearity is neglected and appears in `scatter`.
+    """A linear sensor; nonlinearity is neglected and appears in `scatter`.
 
     value = gain (counts - zero), where counts is the sum of five 10-bit readings.
 
@@ -92,7 +92,8 @@ def fit_sensor(counts: ArrayLike, references: ArrayLike) -> Sensor:
         The sensor with standard errors of both parameters and their correlation.
 
     Raises:
-        RigError: too few or equal references, counts at the limit of the converter, or no response.
+        RigError: there are too few references or all are equal, counts are at the limit of the converter,
+            or the sensor does not respond.
 
     References:
         Draper & Smith 1998, Applied Regression Analysis, section 1.7 (inverse regression).
@@ -161,7 +162,7 @@ class FeedForward:
         v = math.fsum(c * (pressure / self.scale) ** k for k, c in enumerate(self.coefficients))
         if not 0 <= v <= FULL_OUTPUT:
             at = pressure_text(pressure, unit)
-            raise RigError(f"the feed-forward at {at} is {v:.1f}; it must be 0..255")
+            raise RigError(f"the feed-forward at {at} is {v:.1f} counts; it must be 0..255")
         return v
 
 
@@ -176,7 +177,7 @@ def fit_feed_forward(pressures: ArrayLike, outputs: ArrayLike) -> FeedForward:
         v(P), valid between the lowest and the highest pressure.
 
     Raises:
-        RigError: too few steps, or the cubic does not rise over the whole range.
+        RigError: there are too few steps, or the cubic does not rise over the whole range.
 
     >>> P = np.linspace(0, 7e5, 8)
     >>> v = fit_feed_forward(P, 20 + 180 * (P / 7e5) ** 2 + 30 * P / 7e5)
@@ -242,7 +243,7 @@ class Calibration:
         pressure: transducer, Pa gauge; the device's trip requires a positive gain.
         force: load cell, N, positive when the muscle pulls.
         feed_forward: output that holds a pressure.
-        board: number of the board to which the calibration belongs, 0 for none.
+        board: number of the board for which the calibration is valid, 0 for none.
     """
 
     pressure: Sensor
@@ -258,7 +259,7 @@ class Calibration:
 
 
 def calibration_as_dict(calibration: Calibration) -> dict[str, Any]:
-    """Convert a calibration to a dictionary with units in the keys, without unknown or infinite entries."""
+    """Convert a calibration to a dictionary with units in the keys; unknown values are omitted."""
     board = {"board": calibration.board} if calibration.board else {}
     parts = {name: to_entries(getattr(calibration, name), form) for name, form in _FORMS.items()}
     return board | parts

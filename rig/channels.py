@@ -1,4 +1,4 @@
-"""Check the device, its channels and its venting, before and during a test."""
+"""Check the device, its channels and its venting before and during a test."""
 
 import math
 import secrets
@@ -38,7 +38,7 @@ WATCH_RISE = 15  # counts by which the load has to rise in them
 
 
 def greet(link: AbstractLink) -> Hello:
-    """Wait for a device that uses this protocol and sends records, and return its hello.
+    """Wait for a device that uses this protocol and sends records, and return its hello message.
 
     Raises:
         RigFault: no such device responds.
@@ -62,7 +62,7 @@ def greet(link: AbstractLink) -> Hello:
 
 
 def numbered(link: AbstractLink) -> int:
-    """Return the board number; assign a random one if the board has none.
+    """Return the board's number; assign a random number if the board has none.
 
     Raises:
         RigFault: the device does not respond.
@@ -120,12 +120,13 @@ def watch_rest(link: AbstractLink, calibration: Calibration) -> bool:
         if late:
             raise RigError(
                 f"the transducer reads {pressure_text(pressure, 'psi')} with the dump valve open: it is "
-                "stuck, swapped or miscalibrated, or the rig does not vent; compare it with a gauge"
+                "stuck, swapped with the load cell or miscalibrated, or the rig does not vent; compare "
+                "the reading with a gauge"
             )
     if abs(load - calibration.force.zero) > REST_LOAD:
         raise RigError(
             f"the load cell reads {load / READINGS:.0f} counts with the dump valve open: it is dead, "
-            "saturated or swapped, or the muscle is loaded"
+            "saturated or swapped with the transducer, or the muscle is loaded"
         )
     return status.alive == _ALIVE
 
@@ -134,16 +135,16 @@ def check_channels(link: AbstractLink) -> dict[str, float]:
     """Raise the output gradually until the pressure channel responds.
 
     Returns:
-        Output, and changes of pressure and load in counts of one conversion.
+        The output, and the changes in pressure and load, in counts of one conversion.
 
     Raises:
-        RigError: only the load changes, as with swapped channels, or neither changes.
+        RigError: neither changes, or only the load changes, as it does if the channels are swapped.
     """
     seen = deque[Sample](maxlen=TEST_RECORDS)
     rest = mean_counts(link, 0.5)
 
     def moved(number: int) -> tuple[float, float]:
-        """Return the change of pressure and load since rest, averaged over the newest records."""
+        """Return the changes in pressure and load since rest, averaged over the newest records."""
         some = list(seen)[-number:]
         sums = (s.pressure_sum for s in some), (s.force_sum for s in some)
         means = (math.fsum(one) / max(len(some), 1) for one in sums)
@@ -176,8 +177,8 @@ def check_channels(link: AbstractLink) -> dict[str, float]:
             "transducer's line is blocked; check the wires at A0 and A1"
         )
     raise RigError(
-        f"an output of {output} counts changed neither pressure nor load: check for a missing supply, an "
-        "open hose, a dump valve that stays open, or a tripped device"
+        f"an output of {output} counts changed neither the pressure nor the load: check for a missing "
+        "supply, an open hose, a dump valve that stays open, or a tripped device"
     )
 
 
@@ -194,7 +195,7 @@ class FlowWatch:
         self._times, self._rise = 0, 0.0
 
     def contradicts(self, record: Sample, *, held: bool) -> bool:
-        """Process a record; return True if the load has risen for some seconds during inflow."""
+        """Process a record; return True if the load has risen for several seconds during inflow."""
         if not held:
             self._outputs, self._loads, self._load = [], [], math.nan
             self._times, self._rise = 0, 0.0
@@ -214,12 +215,12 @@ class FlowWatch:
 
 
 def unseen(calibration: Calibration, *, alive: bool) -> list[str]:
-    """List transducer faults that the device cannot detect, one sentence each.
+    """Return the transducer faults that the device cannot detect, as sentences.
 
     Args:
         calibration: calibration of the transducer.
         alive: True if its reading varied at rest.
     """
-    floor = "a broken transducer wire reads like 0 Pa and cannot be detected; use a 0.5 to 4.5 V transducer"
-    frozen = "the reading hardly varies at rest: a freeze near the set pressure cannot be detected"
+    floor = "a broken transducer wire reads as 0 Pa and cannot be detected; use a 0.5 to 4.5 V transducer"
+    frozen = "the reading hardly varies at rest, so a frozen reading near the set pressure is not detected"
     return [floor] * (not floor_counts(calibration)) + [frozen] * (not alive)

@@ -1,6 +1,6 @@
-"""Control the pressure of a muscle and record tests; see rig/firmware.
+"""Control the pressure in a muscle and record tests; see rig/firmware.
 
-PLAN.toml, with units in the keys (psi, kPa, bar, in, mm, ...):
+A plan file (PLAN.toml) has the units in its keys (psi, kPa, bar, in, mm, ...):
 
 ```toml
 [plan]
@@ -47,12 +47,12 @@ COMMANDS: list[Callable[..., int]] = []  # subcommands of `famjax rig`
 PRECONDITIONS = {
     "air": (
         "The supply regulator is set no higher than the rating of the muscle and hoses.",
-        "A normally open dump valve vents the muscle if it loses power.",
+        "A normally open dump valve vents the muscle if the power fails.",
         "The proportional valve exhausts at 0 % output.",
         "Nobody stands in line with the ends of the muscle.",
     ),
     "water": (
-        "A mechanical relief valve is fitted: software cannot limit the peak at a blocked needle valve.",
+        "A mechanical relief valve is fitted: software cannot limit the peak if a needle valve blocks.",
         "A normally open dump valve returns the water to the tank.",
         "The pump stops at 0 % output, and its power switch is within reach.",
         "The circuit is bled: trapped air stores energy.",
@@ -68,7 +68,7 @@ WORDS = "Type begin (or Enter alone), pause, skip, repeat or stop, and press Ent
 
 @contextlib.contextmanager
 def ended_in_words() -> Iterator[None]:
-    """Exit with code 1 after a fault and 130 after a signal; the rig has then vented."""
+    """Exit with code 1 after a fault and 130 after a signal; by then the rig has vented."""
     names = ("SIGTERM", "SIGHUP") if threading.current_thread() is threading.main_thread() else ()
     numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
     before = {number: signal.signal(number, signal.default_int_handler) for number in numbers}
@@ -116,13 +116,13 @@ def monitor(
     port
         Serial port or socket://host:port.
     calibration
-        Sensor calibration, a TOML file. If omitted, values are shown in counts.
+        Sensor calibration file (TOML). If omitted, values are shown in counts.
     baud
-        Baud rate of the firmware build: 115200 (2.1 % fast on an Uno) or 500000 (exact).
+        Baud rate for which the firmware was built: 115200 (2.1 % fast on an Uno) or 500000 (exact).
     seconds
-        Duration. If omitted, runs until Ctrl-C.
+        Duration in seconds. If omitted, the command runs until you press Ctrl-C.
     units
-        Units of the values: si, metric or us.
+        Units of the printed values: si, metric or us.
     """
     from rig.calibration import read_calibration
 
@@ -139,21 +139,21 @@ def monitor(
 def acknowledge(
     port: str, *, calibration: Path | None = None, baud: int = 115200, yes: bool = False
 ) -> int:
-    """Acknowledge a trip after its cause has been found; nothing else clears it.
+    """Acknowledge a trip after its cause has been found; nothing else clears a trip.
 
     Shows the cause of the trip, the reading and the output, and asks for confirmation. The device refuses
-    while the pressure is at the limit or the reading is out of range.
+    to clear the trip while the pressure is at the limit or the reading is out of range.
 
     Parameters
     ----------
     port
         Serial port or socket://host:port.
     calibration
-        Sensor calibration, a TOML file. If omitted, the reading is shown in counts.
+        Sensor calibration file (TOML). If omitted, the reading is shown in counts.
     baud
-        Baud rate of the firmware build.
+        Baud rate for which the firmware was built.
     yes
-        Skip the confirmation, for scripts.
+        Skip the confirmation, for use in scripts.
     """
     from rig import control
     from rig.calibration import read_calibration
@@ -187,24 +187,25 @@ def calibrate_sensor(
 
     Asks you to apply each reference and averages the counts, or uses counts recorded earlier. The device
     stays in SAFE with its dump valve open: apply the reference pressure directly to the transducer, from a
-    calibrator or a gauge line. The other tables in the file are kept. The file also stores the board
-    number and works only with that board.
+    calibrator or a gauge line. The other tables in the calibration file are kept. The file also stores the
+    number of the board and can be used only with that board.
 
     Parameters
     ----------
     sensor
         pressure or force.
     reference
-        Applied reference with its unit, `40psi`. Repeatable; give three or more, in order.
+        Applied reference with its unit, such as `40psi`. Repeat the option for at least three references,
+        in order.
     reading
-        Counts at each reference, as sums of five converter readings. Repeatable; if omitted, they are read
-        from the port.
+        Counts at each reference, as sums of five converter readings. Repeatable; if omitted, the counts are
+        read from the port.
     port
         Serial port or socket://host:port.
     baud
-        Baud rate of the firmware build.
+        Baud rate for which the firmware was built.
     seconds
-        Averaging time for each reference.
+        Averaging time for each reference, in seconds.
     calibration
         Calibration file (TOML), created if missing.
     """
@@ -243,8 +244,8 @@ def calibrate_pump(
 ) -> int:
     """Measure the feed-forward of a water circuit by stepping the pump with the controller off.
 
-    The limits of the plan apply. The result is written to the calibration file that the plan names. The
-    muscle is pressurised: the safety conditions of `run` apply.
+    The limits in the plan apply. The result is written to the calibration file named in the plan. The
+    muscle is pressurised, so the same safety conditions apply as for `run`.
 
     Parameters
     ----------
@@ -253,9 +254,9 @@ def calibrate_pump(
     port
         Serial port or socket://host:port.
     baud
-        Baud rate of the firmware build.
+        Baud rate for which the firmware was built.
     yes
-        Skip the confirmation, for scripts.
+        Skip the confirmation, for use in scripts.
     """
     from rig.calibration import pressure_text, read_calibration, update_calibration
     from rig.control import Rig
@@ -301,11 +302,11 @@ def run(
     """Run and record a test at constant pressures; the rig always vents at the end.
 
     First prints the safety conditions and the steps of the plan, and asks for confirmation. Writes
-    `test.fam` to the output folder. At each pressure, it prompts you to start the strokes of the test
-    machine and waits for them. At a terminal, type a word and press Enter: begin (or Enter alone) once the
-    strokes have begun, or to continue; pause to hold the pressure; skip or repeat to leave this pressure
-    or start it again; stop to end the test. At the end, the command prints a summary table and writes it
-    to `test.csv` in the same folder.
+    `test.fam` to the output folder. At each pressure, the command prompts you to start the strokes of the
+    test machine and waits for them. At a terminal, type a word and press Enter: begin (or Enter alone) once
+    the strokes have begun, or to continue after a pause; pause to hold the pressure; skip to go on to the
+    next pressure; repeat to start this pressure again; stop to end the test. At the end, the command prints
+    a summary table and writes it to `test.csv` in the same folder.
 
     Parameters
     ----------
@@ -314,21 +315,21 @@ def run(
     port
         Serial port or socket://host:port.
     baud
-        Baud rate of the firmware build: 115200 (2.1 % fast on an Uno) or 500000 (exact).
+        Baud rate for which the firmware was built: 115200 (2.1 % fast on an Uno) or 500000 (exact).
     output
         Folder for the journal, created if missing.
     resume
-        Resume the existing journal at the first incomplete pressure. Plan, limits, gains and calibration
-        must be unchanged.
+        Resume the existing journal at the first incomplete pressure. The plan, limits, gains and
+        calibration must be unchanged.
     dry_run
         Print the steps of the plan and their duration, then exit.
     yes
-        Skip the confirmation, for scripts.
+        Skip the confirmation, for use in scripts.
     start
-        Event that marks the start of the strokes: `asked`, you type begin; `load`, the load changes within
-        60 s; `at-once`, the prompt itself (the default without a terminal).
+        Event that marks the start of the strokes: `asked`, you type begin; `load`, the load changes, which
+        must happen within 60 s; `at-once`, the prompt itself (the default without a terminal).
     units
-        Units of the values: si, metric or us.
+        Units of the printed values: si, metric or us.
     """
     from rig.execution import JOURNAL, prepare, record_test
     from rig.plan import read_plan
@@ -360,8 +361,8 @@ def run(
 def check(journal: Path, *, json_: bool = False) -> int:
     """Check that a journal is complete and that the device followed its control law.
 
-    Exits with 0 if the journal is sound and 1 otherwise. Records lost on the serial line are listed but do
-    not make the journal unsound.
+    The exit code is 0 if the journal is sound and 1 otherwise. Records lost on the serial line are listed
+    but do not make the journal unsound.
 
     Parameters
     ----------
@@ -407,7 +408,7 @@ def values(sample: Any, calibration: Any, system: str, *, wanted: float | None =
 
 
 def operator_of(calibration: Any, system: str):
-    """Return the attendant that prints instructions and progress and reads words from the terminal."""
+    """Return an attendant that prints instructions and progress, and reads words from the terminal."""
     from rig.execution import Attendant, Situation
 
     typed: queue.SimpleQueue[str] = queue.SimpleQueue()
@@ -474,7 +475,7 @@ def _known_port(port: str | None) -> str:
 
     known = ", ".join(f"{one.device} ({one.description})" for one in sorted(list_ports.comports()))
     raise RigError(
-        f"a port is required (--port PORT); available: {known or 'none, plug in the device'}"
+        f"a port is required (--port PORT); available: {known or 'none; plug in the device'}"
     )
 
 

@@ -1,6 +1,6 @@
 """Pressure control with limits, gains and guards; the rig always vents at the end of a test.
 
-Use `Rig` in a `with` block. It requires a pressure limit, only a person can acknowledge a trip, and the
+Use `Rig` in a `with` block. A pressure limit is required, only a person may acknowledge a trip, and the
 heartbeats continue only while the supervising code runs.
 """
 
@@ -49,18 +49,18 @@ SETTLE = 0.7  # s for which the device keeps its last records
 SILENCE_MS, TICKS_PER_RECORD, CEILING, STILL_MS = 1000, 5, 963, 700
 # What to check after each fault.
 ADVICE = {
-    "none": "another program has stopped it",
-    "silence": "it received no line for a second; check the cable and the load on this computer",
+    "none": "another program has stopped the device",
+    "silence": "the device received no line for a second; check the cable and the load on this computer",
     "over-pressure": "the pressure limit was reached, or the transducer is unplugged or has no supply",
     "jump": "the pressure jumped within 10 ms: a muscle or hose burst, the transducer is failing, or a "
-    "small muscle fills fast; only in the last case raise jump_limit_<unit> in the plan's [rig]",
+    "small muscle fills fast; only in the last case, raise jump_limit_<unit> in the plan's [rig]",
     "stall": "the pressure did not rise at full output; check the supply, hose, muscle and transducer",
-    "watchdog": "its firmware hung; check its power supply",
-    "range": "a broken wire, a short, an unplugged transducer or one without supply",
+    "watchdog": "the device's firmware hung; check its power supply",
+    "range": "check for a broken wire, a short circuit, and an unplugged or unpowered transducer",
     "frozen": "the reading did not follow the output: check the transducer and its line first, since the "
     "true pressure may be higher than the reading",
-    "no response": "the pressure did not follow the output: check for a blocked transducer line, no supply "
-    "or an open circuit; if the circuit is only slow, raise frozen_s in the plan's [rig]",
+    "no response": "the pressure did not follow the output: check for a blocked transducer line, a missing "
+    "supply or an open circuit; if the circuit is only slow, raise frozen_s in the plan's [rig]",
 }
 
 
@@ -70,7 +70,7 @@ class Control:
 
     Attributes:
         proportional: Kp [counts/Pa], >= 0. The device stores it in steps of 1/256 count per psi.
-        integral: Ki [counts/(Pa s)], >= 0, stored in the same steps.
+        integral: Ki [counts/(Pa s)], >= 0, stored in steps of 1/256 count per psi and second.
         integral_limits: lower and upper limit of the integral term [counts], within -255..0 and 0..255.
             Symmetric limits hold the published pressures; limits of 0..255 do not.
     """
@@ -87,7 +87,7 @@ class Control:
 
 @dataclasses.dataclass(frozen=True)
 class RigSettings:
-    """Control and trip settings of a device; `firmware/README.md` gives the reasons.
+    """Control and trip settings of a device; the reasons are in `firmware/README.md`.
 
     Attributes:
         pressure_limit: pressure at which the device trips [Pa gauge]; required.
@@ -97,9 +97,10 @@ class RigSettings:
             higher limit, which protects less.
         frozen_output: PWM counts, 1 to 255, by which the output may exceed the holding output; 255 disables
             the check.
-        frozen: time [s], 0.1 to 2, at twice that excess with an unchanged reading, until the device trips.
-        stall: time [s], 0.5 to 30, at the upper limit of output or integral without a rise, until the
-            device trips.
+        frozen: time [s], 0.1 to 2, after which the device trips if the output is at twice that excess and
+            the reading does not change.
+        stall: time [s], 0.5 to 30, after which the device trips if the output or the integral is at its
+            upper limit and the pressure does not rise.
         unit: pressure unit in messages.
     """
 
@@ -154,13 +155,13 @@ class RigSettings:
         limit: float | None = self.pressure_limit
         if limit is None or not math.isfinite(limit) or limit <= 0:
             raise RigError(
-                f"the pressure limit must be finite and > 0, got {limit}: use the muscle's rating"
+                f"the pressure limit must be finite and > 0, got {limit}: use the muscle's rated pressure"
             )
         counts = int(calibration.pressure.counts(limit) // READINGS)
         if not 1 <= counts <= CEILING:
             raise RigError(
                 f"the limit of {pressure_text(limit, self.unit)} is {counts} counts; it must be "
-                f"1 to {CEILING}: choose another limit or another transducer"
+                f"1 to {CEILING} counts: choose another limit or another transducer"
             )
         return counts
 
@@ -179,7 +180,7 @@ class RigSettings:
 
 
 def stored_settings(commands: list[tuple[str, tuple[float, ...]]]) -> dict[str, Any]:
-    """Return the settings that a device reports after these commands, from its Python twin."""
+    """Return the settings that a device reports after these commands, using its Python port."""
     twin = DeviceControl(0, 0, least_div=1, trip_ceiling=1023, latch=Latch())
     for verb, values in commands:
         words = command_body(0, verb, *values).encode().split()[2:]
@@ -206,8 +207,8 @@ def _device_calibration(calibration: Calibration) -> tuple[float, float]:
     zero = 0.0 if -1 < zero < 0 else zero
     if not (0 <= zero < 1023.9 and 1 / 64 <= span < 1023.9):
         raise RigError(
-            f"the zero must be 0 to 1023.9 counts and the span 0.02 to 1023.9 psi; the "
-            f"calibration gives {zero:.2f} counts and {span:.2f} psi: check the transducer"
+            f"the transducer's zero must be 0 to 1023.9 counts and its span 0.02 to 1023.9 psi; the "
+            f"calibration has {zero:.2f} counts and {span:.2f} psi: check the transducer"
         )
     return zero, span
 
@@ -224,11 +225,11 @@ class Rig:
     Attributes:
         settings: control and trip settings.
         lost: number of records lost on the line.
-        unseen: transducer faults that the device cannot detect, as sentences; set on entry.
+        unseen: transducer faults that the device cannot detect, as sentences; set on entry to the block.
         set_point: last set pressure [Pa], initially nan.
 
     Raises:
-        RigError: no pressure limit, or a limit outside the transducer's range.
+        RigError: the pressure limit is missing, or a limit is outside the transducer's range.
     """
 
     def __init__(
@@ -262,7 +263,7 @@ class Rig:
         self._leave(error)
 
     def note(self, kind: str, /, **fields: object) -> None:
-        """Write a note to the journal, if any."""
+        """Write a note to the journal, if there is one."""
         if self._journal is not None:
             self._journal.note(kind, **fields)
 
@@ -273,7 +274,7 @@ class Rig:
             pressure: set pressure [Pa gauge], >= 0 and below the limit.
 
         Raises:
-            RigError: the pressure is outside this range or that of the feed-forward.
+            RigError: the pressure is outside this range or the range of the feed-forward.
         """
         limit = self.settings.pressure_limit
         if not 0 <= pressure < limit:
@@ -303,7 +304,7 @@ class Rig:
         return float(self.calibration.force.value(newest.force_sum if newest else math.nan))
 
     def manual(self, output: int) -> None:
-        """Hold an output [counts, 0..255] with the controller off, for calibrations."""
+        """Hold an output [counts, 0..255] with the controller off, for calibration."""
         self._activate("man", output)
         self.note("manual", output=output)
 
@@ -333,11 +334,11 @@ class Rig:
                 case Lost(_, _, records):
                     self.lost += records
                 case Reset(old, new, cause):
-                    what = f"was reset (boot {old} to {new}, cause {cause}); check its supply"
-                    self.fault(f"the device {what}; it vents")
+                    what = f"was reset (boot {old} to {new}, cause {cause}) and vents"
+                    self.fault(f"the device {what}; check its power supply")
                 case Silent(seconds):
-                    what = f"has been silent for {seconds:.1f} s; check the cable"
-                    self.fault(f"the device {what}; it vents by itself")
+                    what = f"has been silent for {seconds:.1f} s and vents by itself"
+                    self.fault(f"the device {what}; check the cable")
         newest, since = self.link.newest, self._active_from
         if newest is None:
             return
@@ -354,7 +355,7 @@ class Rig:
         """Raise the sync pin for a time [s], rounded to whole records, and note the first of them.
 
         Raises:
-            RigError: the time is less than one record or more than 1000.
+            RigError: the time is shorter than one record or longer than 1000 records.
         """
         records = round(seconds * TICK_HZ / TICKS_PER_RECORD)
         answer = self.link.command("sync", records)
@@ -374,7 +375,7 @@ class Rig:
             raise RigError(
                 f"this is board {hello.board}, but the calibration is for board {calibration.board} (0: no "
                 f"number): calibrate again, or, if the calibration is valid for this board, write "
-                f"board = {hello.board} as its first line"
+                f"board = {hello.board} as the first line of its file"
             )
         commands = self.settings.commands(calibration)
         for verb, values in commands:
@@ -387,7 +388,7 @@ class Rig:
         found, wanted = lasting(stored), stored_settings(commands)
         if wrong := [f"{k} {found[k]} not {v}" for k, v in wanted.items() if found[k] != v]:
             raise RigFault(
-                f"the device did not accept its settings: {', '.join(wrong)}; upload the firmware"
+                f"the device did not accept its settings: {', '.join(wrong)}; upload the firmware again"
             )
         self.unseen = tuple(unseen(calibration, alive=watch_rest(link, calibration)))
         self.note(
@@ -429,7 +430,7 @@ class Rig:
             failure = None
         except (RigError, RigFault) as stop_error:
             failure = RigFault(
-                f"the device did not confirm the stop ({stop_error}). Without heartbeats it "
+                f"the device did not confirm the stop ({stop_error}). Without heartbeats, it "
                 "vents within a second: check the pressure before you touch the rig"
             )
         finally:
@@ -448,7 +449,7 @@ def acknowledge(link: AbstractLink, calibration: Calibration | None = None) -> N
 
     Args:
         link: link to the device.
-        calibration: calibration of its transducer, used to restore the floor that a reset device has lost.
+        calibration: calibration of its transducer, used to restore the floor, which a reset device loses.
 
     Raises:
         RigError: the device refuses, because the pressure is at the limit, the reading is out of range, or
@@ -461,11 +462,11 @@ def acknowledge(link: AbstractLink, calibration: Calibration | None = None) -> N
 
 
 def trip_text(status: DeviceStatus, calibration: Calibration | None = None) -> str:
-    """Describe a trip: fault, reading, output, and what to check.
+    """Return a description of a trip: fault, reading, output, and what to check.
 
     >>> trip_text(DeviceStatus(1, 9, 45, 3, 6, 0, 0, 0, 0, 0, 0, 40, 12, 131, 0))
-    'range at 12 counts, output 131; a broken wire, a short, an unplugged transducer or one without \
-supply'
+    'range at 12 counts, output 131; check for a broken wire, a short circuit, and an unplugged or \
+unpowered transducer'
     """
     fault = FAULTS[status.fault]
     reading = f"{status.tripped_count} counts"

@@ -1,4 +1,4 @@
-"""The device's controller in its firmware's integer arithmetic: states, guards, law, plausibility."""
+"""Device controller in the firmware's integer arithmetic: states, guards, control law, plausibility."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -78,7 +78,7 @@ NOTHING, STEP, START = range(3)  # events to which the pressure must respond
 
 
 class Latch(NamedTuple):
-    """State that survives a reset: a trip, if `fault` is one of `TRIPS`, and the board number, or 0."""
+    """State that survives a reset: a trip if `fault` is one of `TRIPS`, and the board number or 0."""
 
     fault: int = 0
     output: int = 0
@@ -89,8 +89,9 @@ class Latch(NamedTuple):
 class DeviceControl:
     """State machine, guards and controller; `step` is called once per tick.
 
-    Guards compare raw counts before any arithmetic. Settings take effect at the first tick of the next
-    record, so that a single law governs each record. `stop` and the guards' limits take effect at once.
+    The guards compare raw counts before any arithmetic. Settings take effect at the first tick of the next
+    record, so that each record is governed by a single law. `stop` and the guards' limits take effect at
+    once.
     """
 
     def __init__(
@@ -163,7 +164,7 @@ class DeviceControl:
         self.report_state = True
 
     def leave(self, state: int, fault: int, pressure: int = 0) -> None:
-        """Switch off the output and open the dump valve; latch a trip with its reading and output."""
+        """Switch off the output and open the dump valve; latch a trip, its reading and its output."""
         if state == TRIP:
             self.latch = Latch(fault, self.output, pressure, self.latch.board)
             self.tripped_at = self.tick
@@ -212,7 +213,7 @@ class DeviceControl:
             self.leave(TRIP, NO_RESPONSE, pressure)
 
     def _stalls(self, pressure: int, error: int) -> bool:
-        """Return True if output or integral is at its upper limit for too long without a rise."""
+        """Return True if output or integral is at its limit for too long without a pressure rise."""
         high = self.law.high
         wound = high > 0 and self._integral >= high * INTEGRAL_UNIT
         if error <= 0 or not (self.output == 255 or wound):
@@ -231,7 +232,7 @@ class DeviceControl:
         return Sample(self.boot & 15, seq, self.tick, *sums, self.output, self._integral, flags)
 
     def in_force(self) -> int:
-        """Return the first record that is fully governed by a command given now."""
+        """Return the number of the first record fully governed by a command that arrives now."""
         return (self.seq + (self.phase > 0)) & COUNTER
 
     @property
@@ -310,7 +311,7 @@ class DeviceControl:
 
 
 class Band:
-    """Band that contains the latest readings."""
+    """The band that contains the latest readings."""
 
     __slots__ = ("high", "low")
 
@@ -318,7 +319,7 @@ class Band:
         self.low = self.high = 0
 
     def left(self, reading: int, width: int) -> bool:
-        """Return True if the reading has left the band, which then restarts from it."""
+        """Return True if the reading has left the band, which then restarts at this reading."""
         if reading < self.low:
             self.low = reading
         elif reading > self.high:
@@ -333,9 +334,11 @@ class Plausibility:
     """Observe the readings at rest, and check in RUN whether they follow the output.
 
     Attributes:
-        still: ticks within `WIDE_BAND` after which a varying reading trips; more if it varies less.
+        still: ticks after which the device trips if a reading that varied at rest stays within
+            `WIDE_BAND`; more ticks are needed if it varied less.
         frozen: PWM counts by which the output may exceed the holding output.
-        frozen_ticks: ticks at twice that excess after which the device trips; fewer at a larger excess.
+        frozen_ticks: ticks after which the device trips if the output is at twice that excess; fewer at a
+            larger excess.
         alive: `NOT_KNOWN`, `QUIET` or `ALIVE`.
     """
 
@@ -371,7 +374,7 @@ class Plausibility:
         self._headroom = -pressure_error(law, trip)
 
     def watch(self, reading: int) -> None:
-        """Observe a reading at rest; a freeze can be detected only if the reading varies."""
+        """Observe a reading at rest; a frozen reading can be detected only if the reading varies."""
         if self._watch_ticks == 0:
             self._watch_from, self._moves = reading, 0
         self._moves += self._wide.left(reading, REST_BAND)
@@ -383,7 +386,7 @@ class Plausibility:
                 self._liveliness = min(self._moves, LIVELY_MOVES)
 
     def stands_still(self, reading: int) -> bool:
-        """Return True if a varying reading has been constant for too long."""
+        """Return True if a reading that varied at rest has been constant for too long."""
         self._still_ticks = 0 if self._wide.left(reading, WIDE_BAND) else self._still_ticks + 1
         enough = self._still_ticks * self._liveliness >= self.still * LIVELY_MOVES
         return enough and self.alive != QUIET
@@ -392,7 +395,7 @@ class Plausibility:
         self, law: ControlLaw, output: int, integral: int, error: int, record: bool, reading: int,
         oldest: int,
     ) -> bool:  # fmt: skip
-        """Return True if the output has changed too much for a reading that has not changed."""
+        """Return True if the output has changed too much although the reading has not changed."""
         self._close_ticks += 1
         before = self._close.low
         if self._close.left(reading, CLOSE_BAND):

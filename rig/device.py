@@ -1,4 +1,4 @@
-"""The firmware in Python: a device without hardware that sends the same bytes as the C core."""
+"""Python port of the firmware: a device without hardware that sends the same bytes as the C core."""
 
 import re
 import struct
@@ -66,15 +66,15 @@ def firmware_folder() -> Path:
 class Device:
     r"""The device as seen by the host: it takes bytes and counts, and returns bytes and an output.
 
-    It has no clock and no thread: `tick` is one 2 ms tick of the controller. As on the hardware, a
-    tick reads at most one line, answers in the same tick and sends `bytes_per_tick` bytes.
+    It has no clock and no thread: `tick` is one 2 ms tick of the controller. As on the hardware, each tick
+    reads at most one line, answers it, and sends up to `bytes_per_tick` bytes.
 
     Args:
-        eeprom: eight bytes that outlast the device: boot counter, latched trip (fault, output, counts) and
-            board number. A shorter array keeps only the first of them. None for a blank memory.
+        eeprom: eight bytes that outlast this object: boot counter, latched trip (fault, output, counts)
+            and board number. A shorter array stores only the first bytes. None for a blank memory.
         ring: number of records that can be repeated, 1 to 1024.
         bytes_per_tick: bytes sent in 2 ms: 21 at 115200 baud, 91 at 500000.
-        trip_ceiling: highest pressure limit that `trip` sets [counts], 1 to 1020.
+        trip_ceiling: highest pressure limit that the command `trip` accepts [counts], 1 to 1020.
 
     Attributes:
         output: PWM counts, 0 to 255; 0 is the safe output.
@@ -216,7 +216,7 @@ class Device:
             self._send("P", boot, since, *law, *limits)
 
     def _repeat(self) -> None:
-        """Send the next requested record; if some are no longer stored, report that once per request."""
+        """Send the next requested record; report once per request if some are no longer stored."""
         seq, kept = self._control.seq, len(self._ring)
         while self._mask:
             wanted, age = self._mask & 1, (seq - self._base) & COUNTER
@@ -323,7 +323,7 @@ def split_command(body: bytes) -> tuple[int, bytes, list[bytes]]:
 
 
 def read_number(word: bytes, unit: int, low: int, high: int) -> int | None:
-    """Return a decimal number of at most six digits and four decimals as the device stores it, or None."""
+    """Return a number of at most six digits and four decimals as the device stores it; None if invalid."""
     match = _NUMBER(word)
     if match is None or (unit == 1 and b"." in word):
         return None
@@ -336,7 +336,7 @@ def read_number(word: bytes, unit: int, low: int, high: int) -> int | None:
 
 
 def read_numbers(verb: bytes, words: list[bytes]) -> list[int] | None:
-    """Return the numbers of a command, or None if one is missing, superfluous or out of range."""
+    """Return the numbers in a command, or None if one is missing, superfluous or out of range."""
     least, numbers = ARGUMENTS[verb]
     if not least <= len(words) <= len(numbers):
         return None
@@ -345,7 +345,7 @@ def read_numbers(verb: bytes, words: list[bytes]) -> list[int] | None:
 
 
 def read_request(words: list[bytes]) -> tuple[int, int] | None:
-    """Return first record and mask of a repeat request, `rp base hexmask`, or None."""
+    """Return first record and mask of a repeat request, `rp base hexmask`; None if it is invalid."""
     match = _REQUEST(b" ".join(words))
     if match is None or int(match[1]) > 0xFFFFFFFF:
         return None

@@ -32,7 +32,7 @@ Phase = Literal["settling", "ready", "strokes", "paused"]
 
 
 class Situation(NamedTuple):
-    """State of a run at one poll.
+    """State of a run when the attendant is polled.
 
     Attributes:
         phase: current phase.
@@ -58,7 +58,7 @@ class Situation(NamedTuple):
 
 
 class Attendant:
-    """A passive attendant; subclasses display progress and make requests."""
+    """An attendant that does nothing; subclasses display progress and make requests."""
 
     def tell(self, text: str) -> None:
         """Show a message to the operator."""
@@ -69,7 +69,7 @@ class Attendant:
 
 
 def prepare(test: PlanFile, folder: str | Path, *, resume: bool = False) -> tuple[Calibration, int]:
-    """Validate a test before a port is opened; nothing is written.
+    """Validate a test before the port is opened; nothing is written.
 
     Args:
         test: contents of the plan file.
@@ -94,8 +94,8 @@ def prepare(test: PlanFile, folder: str | Path, *, resume: bool = False) -> tupl
 def _check(test: PlanFile, calibration: Calibration, first_block: int) -> None:
     """Validate a test.
 
-    A water circuit needs a feed-forward that depends on pressure: a pump at half speed holds a fixed
-    pressure, 39 psi in the simulated circuit, whatever the set pressure.
+    A water circuit needs a feed-forward that depends on the pressure: regardless of the set pressure, a
+    pump at half speed holds a fixed pressure, which is 39 psi in the simulated circuit.
     """
     if test.circuit == "water" and not any(calibration.feed_forward.coefficients[1:]):
         raise RigError(
@@ -148,7 +148,7 @@ def record_test(
         began: start time of a simulated test; None for now.
         first_block: see `run`.
         attendant: see `run`.
-        **more: arguments `machine` and `start` of `run`.
+        **more: arguments `machine` and `start`, passed to `run`.
 
     Raises:
         RigError: see `Journal`, `Rig` and `run`.
@@ -188,7 +188,7 @@ def run(
     The pressure is held during pauses and while waiting for the first stroke.
 
     Args:
-        rig: entered rig, which vents on exit.
+        rig: rig in its `with` block; it vents on exit.
         plan: plan to run.
         machine: test machine with `busy` and `start`, such as `TestMachine`; None waits for the duration
             of the strokes.
@@ -230,7 +230,7 @@ def check_plan(
 def sync_seconds(block: int) -> float:
     """Return the duration of the sync pulse at the first stroke of a block [s].
 
-    Sixteen consecutive blocks have distinct durations, so a log with missing pulses still aligns uniquely.
+    Sixteen consecutive blocks have distinct durations, so even a log with missing pulses can be aligned.
     Each duration is an odd number of 10 ms records, so the two edges fall differently between the rows of
     a 50 Hz log.
 
@@ -241,7 +241,7 @@ def sync_seconds(block: int) -> float:
 
 
 class _LeftError(Exception):
-    """Leave a block early, on the word "skip" or "repeat"."""
+    """Raised to leave a block early, after the word "skip" or "repeat"."""
 
 
 class _Run:
@@ -287,12 +287,12 @@ class _Run:
         self._strokes()
 
     def _begins(self) -> float:
-        """Return the pressure at which the ramp starts [Pa], within the range of the feed-forward."""
+        """Return the pressure [Pa] at which the ramp starts, within the range of the feed-forward."""
         last, known = self._rig.set_point, self._rig.calibration.feed_forward.pressure_range[0]
         return max(0.0 if math.isnan(last) else last, known)
 
     def _strokes(self) -> None:
-        """Wait until the machine has finished, or for the duration of its strokes."""
+        """Wait until the test machine has finished, or for the duration of the strokes."""
         rig, plan, machine, block = self._rig, self._plan, self._machine, self._block
         cycles, seconds = plan.cycles, plan.stroke_seconds
         rig.note(
@@ -346,7 +346,7 @@ class _Run:
         return abs(math.fsum(seen) / len(seen) - self._rig.set_point) <= HELD
 
     def _look(self, phase: Phase, seconds: float, cycle: int = 0) -> Request:
-        """Wait for at most one poll, and handle the attendant's request.
+        """Wait for at most one polling interval, and handle the attendant's request.
 
         The plan's clock stops during pauses and while waiting for the first stroke.
 
@@ -398,8 +398,8 @@ def calibrate_feed_forward(
     """Measure the feed-forward by stepping the pump or valve with the controller off.
 
     Args:
-        rig: entered rig.
-        outputs: output steps [counts, 0..255]; stepping up and down reveals hysteresis as scatter.
+        rig: rig in its `with` block.
+        outputs: output steps [counts, 0..255]; with steps up and down, hysteresis appears as scatter.
         tell: called after each step with output [counts] and pressure [Pa].
 
     Returns:

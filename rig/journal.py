@@ -1,13 +1,13 @@
-"""Test journals: written line by line, verified on reading, and checked against the control law.
+"""Test journals: written line by line, verified when read, and checked against the control law.
 
-A journal is an append-only text file: the device's lines verbatim, and notes as JSON with the same CRC.
+A journal is an append-only text file: the device's lines verbatim, and notes in JSON with the same CRC.
 
     {"note":"set","n":12,"at":3.20112,"pressure_Pa":275790.3}*5A1C
     T,...*09F2
 
-`Journal` passes queued data to the kernel within milliseconds, so that no more than that is lost if the
-process is killed, and syncs it to the disk within about a second. Neither blocks the caller. `read_journal`
-reads all verifiable lines and lists what is missing; `audit` recomputes the control law.
+`Journal` passes queued data to the kernel within milliseconds, so that only the last milliseconds are lost
+if the process is killed, and syncs the data to the disk within about a second. Neither blocks the caller.
+`read_journal` reads all verifiable lines and lists what is missing; `audit` recomputes the control law.
 """
 
 import contextlib
@@ -68,7 +68,7 @@ class Journal(contextlib.AbstractContextManager):
         path: path of the file; created, or with `append` continued after its last complete line.
         now: function that returns the time for notes [s].
         append: continue an existing journal.
-        plan_seconds: expected duration [s]; the disk must have room for three times its records.
+        plan_seconds: expected duration [s]; the disk must have room for three times as much data.
         began: start time of a simulated recording; None for now.
 
     Raises:
@@ -115,7 +115,7 @@ class Journal(contextlib.AbstractContextManager):
             self._put(data)
 
     def note(self, kind: str, /, **fields: Any) -> None:
-        """Queue a note; fields must be JSON values with finite numbers, and have units in their names."""
+        """Queue a note; fields must be JSON values with finite numbers, with units in their names."""
         with self._lock:
             content = {"note": kind, "n": self._notes, "at": round(self._now(), 6), **fields}
             text = json.dumps(content, allow_nan=False, separators=(",", ":"))
@@ -240,8 +240,8 @@ class Record:
         settings: (epoch, settings of the device), in file order.
         missing: missing records.
         missing_notes: number of missing notes.
-        damaged_bytes: number of bytes that could not be verified, not counting a line cut short when a
-            recording was killed, if it was resumed later.
+        damaged_bytes: number of bytes that could not be verified. If a recording was killed and resumed
+            later, the line that was cut short is not counted.
         refused: (epoch, seq) of rows that have a correct CRC but contradict their neighbours.
     """
 
@@ -324,17 +324,17 @@ def stored_calibration(record: Record) -> Calibration:
     """
     notes = record.notes_of("rig")
     if not notes:
-        raise RigError(f"{record.path} contains no calibration: provide one")
+        raise RigError(f"{record.path} contains no calibration: record tests with `famjax rig run`")
     return calibration_from_dict(notes[-1]["calibration"])
 
 
 def summary(record: Record) -> list[dict[str, Any]]:
-    """Return one row for each set pressure of the plan, with the pressure held and the strokes completed.
+    """Return one row for each set pressure in the plan, with the pressure held and the strokes completed.
 
     Returns:
-        Rows of block, set pressure [Pa], mean and root-mean-square error of the pressure [Pa] during
-        the strokes (nan if there were none), number of strokes there and back that were completed,
-        number of device trips, and whether the block was completed.
+        Rows with the block, the set pressure [Pa], the mean and the root-mean-square error of the pressure
+        [Pa] during the strokes (nan if there were none), the number of strokes there and back that were
+        completed, the number of device trips, and whether the block was completed.
     """
     rows: list[dict[str, Any]] = []
     begun: dict[str, Any] = {}
@@ -360,7 +360,7 @@ def summary(record: Record) -> list[dict[str, Any]]:
 def _held(
     record: Record, part: int, begun: dict[str, Any], end: float, wanted: float
 ) -> dict[str, Any]:
-    """Return the mean pressure, its error and whole strokes, from note `begun` to record `end`."""
+    """Return mean pressure, its error and the number of whole strokes, from `begun` to record `end`."""
     epoch = max((e for e, at in enumerate(record.epoch_parts) if at == part), default=-1)
     seq = record.column("seq")
     mine = (record.epoch == epoch) & (seq > begun["seq"]) & (seq <= end)
@@ -453,9 +453,9 @@ class _Lines:
         return message is not None
 
     def _enter(self, boot: int) -> None:
-        """Switch to the epoch of a boot: the last one in this part with that number, or a new one.
+        """Switch to the epoch of a boot: the last epoch in this part with that number, or a new one.
 
-        A page that appears twice in the file returns to its own epoch.
+        A page that appears twice in the file is assigned to its own epoch.
         """
         for epoch in range(len(self._boots) - 1, self._first - 1, -1):
             if self._boots[epoch] == boot:
@@ -495,7 +495,7 @@ def _note(line: bytes) -> dict[str, Any] | None:
 def _in_order(
     rows: NDArray[np.int64], epoch: NDArray[np.int64], parts: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], tuple[tuple[int, int], ...]]:
-    """Return the rows by epoch and number, each once, and a list of contradictory rows left out."""
+    """Return the rows by epoch and number, each once, and a list of the contradictory rows omitted."""
     if np.unique(epoch).size > np.unique(rows[:, 0]).size:
         # Two boots have one number: a page may be in the file twice.
         _, first = np.unique(np.column_stack((parts, rows)), axis=0, return_index=True)
@@ -572,7 +572,7 @@ class Audit:
         refused: rows that contradict their neighbours.
         checked: records whose output and integral were recomputed.
         equal: checked records whose recomputed values agree with the recorded ones.
-        unchecked: records in RUN whose law or predecessor is unknown.
+        unchecked: records in RUN whose control law or preceding record is unknown.
         first_wrong: (epoch, seq) of the first record that disagrees, or None.
         ended: reason in the "end" note of the last part, or None if the recording was cut off.
     """
@@ -591,7 +591,7 @@ class Audit:
 
     @property
     def sound(self) -> bool:
-        """True if the file is complete and the recomputed records agree; line losses do not count."""
+        """True if the file is complete and the recomputed records agree; losses on the line are allowed."""
         return not self.faults
 
     @property
@@ -617,9 +617,9 @@ class Audit:
 def audit(record: Record) -> Audit:
     """Recompute the control law from every recorded sample, and list all missing data.
 
-    In RUN, the integral must follow from the previous one and the sum of the pressure counts, and the
-    output from the integral and the last count. In MAN the integral must be zero; in SAFE and TRIP, the
-    integral and the output.
+    In RUN, the integral must follow from the previous integral and the sum of the pressure counts, and the
+    output must follow from the integral and the last count. In MAN, the integral must be zero; in SAFE and
+    TRIP, both the integral and the output must be zero.
 
     Args:
         record: contents of the journal.
@@ -645,7 +645,7 @@ def audit(record: Record) -> Audit:
 
 
 def _recomputed(record: Record) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return masks of rows whose recomputed values agree, and of rows that could be recomputed."""
+    """Return masks: rows whose recomputed values agree, and rows that could be recomputed."""
     right, known = np.zeros(len(record.rows), bool), np.ones(len(record.rows), bool)
     last = (-1, -1, 0, -1)  # epoch, seq, integral, state
     laws = [settings for _, settings in record.settings]

@@ -1,9 +1,9 @@
-"""Connection to a device: the host's side of the protocol, with recording.
+"""Connection to a device: the host's side of the protocol, and recording.
 
 `Session` has no clock and no thread: it takes bytes and times, and returns bytes and events. Every record
-is returned once. Missing records are requested again, and doubtful ones must be confirmed. A command is
-repeated until it is answered. Heartbeats continue only while a test is supervised. `Link` runs a session
-over a real port in real time, `VirtualLink` over a simulated rig in virtual time.
+is returned exactly once. Missing records are requested again, and doubtful records must be confirmed. A
+command is repeated until the device answers it. Heartbeats continue only while a test is supervised. `Link`
+runs a session over a real port in real time; `VirtualLink` runs one over a simulated rig in virtual time.
 """
 
 import abc
@@ -64,7 +64,7 @@ class Lost(NamedTuple):
 
 
 class Reset(NamedTuple):
-    """A restart of the device; boots modulo 16, `cause` as in `Hello`, None without a hello."""
+    """A restart of the device: boot counters modulo 16, and `cause` as in `Hello`, None if unknown."""
 
     old: int
     new: int
@@ -72,13 +72,13 @@ class Reset(NamedTuple):
 
 
 class Silent(NamedTuple):
-    """Seconds without a verified line; one event per silence."""
+    """Seconds without a verified line, reported once for each silence."""
 
     seconds: float
 
 
 class Timing(NamedTuple):
-    """The record with the shortest latency in a quarter second: its tick and arrival time [s]."""
+    """Tick and arrival time [s] of the record with the shortest latency in a quarter of a second."""
 
     boot: int
     tick: int
@@ -169,7 +169,7 @@ class Session:
         self._earliest = (math.inf, 0, 0.0)
 
     def feed(self, data: bytes, now: float) -> list[Event]:
-        """Return the events in `data`, received by host time `now` [s]; call it even without data."""
+        """Return the events in `data`, received by host time `now` [s]; call this even without data."""
         for line in self._splitter.feed(data) if data else ():
             message = parse(line)
             if message is None:
@@ -245,8 +245,8 @@ class Session:
     def poll(self, now: float) -> bytes:
         """Return the bytes to send at host time `now` [s]: heartbeat, command, request for records.
 
-        Any line counts as a sign of life. While the device drives its output, the session therefore sends
-        nothing on its own after the last heartbeat.
+        The device takes any line as a sign of life. While the device drives its output, the session
+        therefore sends nothing of its own accord after the last heartbeat.
         """
         out = b""
         if self._beat_at + HEARTBEAT <= now < self._alive_until:
@@ -266,10 +266,10 @@ class Session:
     def _request(self, now: float) -> bytes:
         """Return the line that requests up to 64 missing records, or nothing.
 
-        A request is a bit mask that replaces the previous one. The device repeats the records in ascending
-        order at its own pace. Each request therefore omits records that should be on their way. Records
-        that will soon be overwritten are always requested, because requests can be damaged as well. With
-        1 % of the bytes damaged, no simpler scheme suffices.
+        A request is a bit mask that replaces the previous request. The device repeats the records in
+        ascending order at its own pace. Each request therefore omits records that should already be on
+        their way. Records that will soon be overwritten are always requested, because a request can also be
+        damaged. If 1 % of the bytes are damaged, no simpler scheme is sufficient.
         """
         if now - self._last_request < SPACING - 1e-9:
             return b""
@@ -335,7 +335,7 @@ class Session:
             self._settings_due = answer.seq
 
     def _set_pace(self, ticks_per_record: int) -> None:
-        """Compute the device's pace of repetition from the line capacity that new records leave free."""
+        """Compute how fast the device repeats records in the line capacity that new records leave free."""
         if self.hello is not None:
             left = max(self.hello.bytes_per_tick - self._line_bytes / ticks_per_record, 1.0)
             self._pace = max(1.0, self._line_bytes / left) / self.hello.tick_hz
@@ -356,7 +356,7 @@ class Session:
     def _time(self, sample: Sample, now: float) -> None:
         """Report the earliest arrival in each quarter second, relative to the device's clock.
 
-        The arrival time is that of the first byte, because on a slow port the length of lines matters.
+        The arrival time is that of the first byte, because the length of a line matters on a slow port.
         """
         quarter = (sample.boot, sample.tick // (TICK_HZ // 4))
         if self.hello is not None:
@@ -407,7 +407,7 @@ class Session:
         return False
 
     def _take_stray(self, sample: Sample, line: bytes, now: float) -> None:
-        """Process a record from an unknown boot; two consecutive records establish the boot."""
+        """Process a record from an unknown boot; a new boot is accepted after two consistent records."""
         before, self._candidate = self._candidate, (sample, line)
         if before is None or not _follows(sample, before[0]):
             return
@@ -442,7 +442,7 @@ class Session:
         self._events.append(sample)
 
     def _open_gap(self, sample: Sample, end: int) -> None:
-        """Request next <= seq < end; records already overwritten at `sample` are lost."""
+        """Request the records next <= seq < end; those already overwritten at `sample` are lost."""
         first = max(self._next, sample.seq + 1 - self.ring)
         if first > self._next:
             self._events.append(Lost(sample.boot, self._next, first - self._next))
@@ -451,7 +451,7 @@ class Session:
         self._next = end
 
     def _lose(self, boot: int, seqs: list[int]) -> None:
-        """Report lost records, one event per run."""
+        """Report lost records, one event for each run of consecutive records."""
         start = 0
         for i, seq in enumerate(seqs):
             del self.gaps[seq]
@@ -462,7 +462,7 @@ class Session:
 
 
 def _has_jumped(sample: Sample, other: Sample) -> bool:
-    """Return True if the state differs, or a value by more than the distance between records allows."""
+    """Return True if the state differs, or a value differs too much for the distance between records."""
     times = 1 + abs(sample.seq - other.seq) // 4
     pairs = zip(sample[3:8], other[3:8], _JUMP, strict=True)
     return sample.flags != other.flags or any(abs(a - b) > times * most for a, b, most in pairs)
@@ -481,7 +481,7 @@ def _follows(sample: Sample, before: Sample) -> bool:
 
 
 class AbstractLink(contextlib.AbstractContextManager):
-    """A session with its recording; a subclass adds transport and clock.
+    """A session and its recording; subclasses add the transport and the clock.
 
     All waiting is done by `sleep`, so that a plan can run in real or virtual time. All methods except
     `close` may be called from any thread.
@@ -537,7 +537,7 @@ class AbstractLink(contextlib.AbstractContextManager):
         """Raise if the link or the recording has failed.
 
         Raises:
-            RigFault: the link has closed, or see `Journal.check`.
+            RigFault: the link has closed, or the recording has failed, see `Journal.check`.
         """
         if not self.running:
             raise RigFault("the link has closed; the device vents by itself")
@@ -545,7 +545,7 @@ class AbstractLink(contextlib.AbstractContextManager):
             self._journal.check()
 
     def keep_alive(self) -> None:
-        """Extend the heartbeat deadline to five seconds from now; for code that supervises the test."""
+        """Extend the heartbeat deadline to five seconds from now; only for code that supervises a test."""
         with self._lock:
             self.session.keep_alive(self.now)
 
@@ -569,9 +569,11 @@ class AbstractLink(contextlib.AbstractContextManager):
             self.sleep(SLICE)
         said = " ".join([verb, *map(str, values)])
         if command.answer is None:
-            raise RigFault(f"{said!r} failed: {command.failure}; check the cable and the supply")
+            raise RigFault(
+                f"{said!r} failed: {command.failure}; check the cable and the power supply"
+            )
         if command.answer.seq is None:
-            raise RigError(f"the device refuses {said!r}: {command.answer.reason}")
+            raise RigError(f"the device refused {said!r}: {command.answer.reason}")
         return command.answer
 
     def settle(self, seconds: float) -> None:
@@ -631,12 +633,12 @@ def serial_opener(path: str, baud: int = 115200) -> Callable[[], Any]:
 class Link(AbstractLink):
     """A link over a real port, in real time; one thread owns the port.
 
-    If the port disappears, it is reopened when it returns. Meanwhile records and heartbeats are missing,
-    and a running device vents within its silence limit.
+    If the port disappears, it is reopened as soon as it returns. Until then, records and heartbeats are
+    missing, and a running device vents within its silence limit.
 
     Args:
-        opener: function that opens the port, such as that of `serial_opener`. The port has `in_waiting`,
-            `read`, `write` and `close` like those of pyserial, and raises `OSError`.
+        opener: function that opens the port, such as the one returned by `serial_opener`. The port must
+            have `in_waiting`, `read`, `write` and `close` as in pyserial, and raise `OSError`.
 
     Attributes:
         port: open port, or None.
@@ -652,7 +654,8 @@ class Link(AbstractLink):
             self.port: Any = opener()
         except OSError as error:
             raise RigError(
-                f"cannot open the port: {error}; check that it is plugged in and not in use elsewhere"
+                f"cannot open the port: {error}; check that it is plugged in and not in use by another "
+                "program"
             ) from None
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name="rig link", daemon=True)
@@ -751,7 +754,7 @@ def mean_counts(
     Args:
         link: link to the device, after its hello, in any state; nothing is sent.
         seconds: averaging time.
-        wait: function that waits for a time [s] and supervises a run; omit it if no run is active.
+        wait: function that waits for a time [s] and supervises the run; omit it if no run is active.
 
     Raises:
         RigFault: no record arrived.

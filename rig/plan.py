@@ -25,9 +25,10 @@ from .errors import RigError
 
 @dataclasses.dataclass(frozen=True)
 class Isobaric:
-    """Strokes of the test machine at constant pressures, neglecting its acceleration.
+    """Strokes of the test machine at constant pressures, neglecting the machine's acceleration.
 
-    At each pressure: set the pressure, settle, then make `cycles` strokes there and back at `rate`.
+    For each pressure, the rig sets the pressure and lets it settle; the test machine then makes `cycles`
+    strokes there and back at `rate`.
 
     Attributes:
         pressures: set pressures [Pa gauge] in order, shape (n,), each >= 0.
@@ -51,7 +52,7 @@ class Isobaric:
     def __post_init__(self) -> None:
         check_fields(self, RigError)
         if self.rise > self.settle:
-            raise RigError(f"rise_s must be at most settle_s, {self.settle:g}; got {self.rise:g}")
+            raise RigError(f"rise_s must not exceed settle_s ({self.settle:g}), got {self.rise:g}")
 
     @property
     def stroke_seconds(self) -> float:
@@ -73,7 +74,7 @@ class PlanFile:
     """Contents of a plan file.
 
     Attributes:
-        plan: the test.
+        plan: strokes and pressures.
         circuit: "air" or "water".
         pressure_limit: pressure limit [Pa gauge], required.
         control: controller gains.
@@ -118,7 +119,7 @@ def read_plan(path: str | Path) -> PlanFile:
     integral_counts_per_psi_s = 2
     calibration = "calibration.toml"
 
-    [rig] may also have integral_limits_counts = [-128, 128], jump_limit_psi = 15,
+    [rig] may also contain integral_limits_counts = [-128, 128], jump_limit_psi = 15,
     frozen_output_counts = 4, frozen_s = 0.75 and stall_s = 3, see `RigSettings`.
 
     Raises:
@@ -149,7 +150,7 @@ _LIST = re.compile(r"^\s*(\w+)\s*=\s*\[([^\[\]#]*)\]", re.MULTILINE).findall
 
 
 def _refuse_decimal_commas(path: str | Path) -> None:
-    """Reject a list such as [20,5, 40,5]: TOML reads four numbers where two may be intended."""
+    """Reject a list such as [20,5, 40,5], which TOML reads as four numbers; two may be intended."""
     for name, items in _LIST(Path(path).read_text(encoding="utf-8")):
         words = items.split(",")
         tight = [bool(re.match(r"\d", word)) for word in words[1:]]
@@ -165,7 +166,7 @@ def _refuse_decimal_commas(path: str | Path) -> None:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class _RigTable:
-    """The table [rig]."""
+    """The [rig] table of a plan file."""
 
     circuit: Literal["air", "water"]
     pressure_limit: NotNegative

@@ -1,10 +1,10 @@
-"""The protocol: lines with a CRC, messages, and the control law in integer arithmetic.
+"""Serial protocol of the device: lines with a CRC, messages, and the control law in integers.
 
 Each line from the device, and each line from the host after `strict 1`, ends with `*HHHH`, the CRC-16
 of the text before the asterisk. `firmware/README.md` lists the lines and their fields.
 
 The controller is PI with feed-forward: u = v + Kp e + I, dI/dt = Ki e, e = set point - measured
-pressure. The C core, its Python port and the audit of a record compute the same integers, so the output of
+pressure. The C core, its Python port and the audit of a journal compute the same integers, so the output of
 each record can be recomputed.
 """
 
@@ -33,7 +33,7 @@ FAULTS = ("none", "silence", "over-pressure", "jump", "stall", "watchdog", "rang
 
 
 class ControlLaw(NamedTuple):
-    """The parameters of the controller, exactly as the device stores them.
+    """Parameters of the controller, exactly as the device stores them.
 
     Attributes:
         set_point: 1/128 psi, 0 to 131071.
@@ -157,7 +157,7 @@ class Sample(NamedTuple):
 
 
 class DeviceStatus(NamedTuple):
-    """`S,boot,seq,tick,state,fault,p,bad,good,overrun,dropped,late,at,counts,u,alive`.
+    """Status line, `S,boot,seq,tick,state,fault,p,bad,good,overrun,dropped,late,at,counts,u,alive`.
 
     Counters wrap at 65536.
 
@@ -168,7 +168,7 @@ class DeviceStatus(NamedTuple):
         state: as in `Sample`.
         fault: as in `Sample`.
         pressure_count: last pressure count.
-        bad: lines from the host that were refused for CRC, length, or no CRC after `strict 1`.
+        bad: lines from the host that were refused: wrong CRC or length, or no CRC after `strict 1`.
         good: lines from the host that were accepted.
         overrun: bytes from the host that were lost for lack of space.
         dropped: lines from the device that were lost for lack of space.
@@ -197,7 +197,7 @@ class DeviceStatus(NamedTuple):
 
 
 class DeviceSettings(NamedTuple):
-    """The settings that govern the records from `since` on.
+    """Settings that govern the records from number `since` on.
 
     `P,boot,since,<law>,div,trip,jump,stall,silence,floor,ceiling,still,frozen,frozen_ticks`.
 
@@ -208,13 +208,15 @@ class DeviceSettings(NamedTuple):
         ticks_per_record: ticks per record, as set by `tele`.
         trip: over-pressure limit [counts]; 0 if it has not been set.
         jump: largest change allowed over 5 ticks [counts].
-        stall: ticks without a rise, at the upper limit of output or integral, after which the device trips.
+        stall: ticks without a pressure rise, at the upper limit of output or integral, after which the
+            device trips.
         silence: ticks without an accepted line after which the device vents.
         floor: smallest plausible reading [counts].
         ceiling: largest plausible reading [counts].
-        still: ticks within two counts after which a reading that varied at rest trips.
+        still: ticks after which the device trips if a reading that varied at rest stays within two counts.
         frozen: PWM counts by which the output may exceed the holding output.
-        frozen_ticks: ticks at twice that excess, with an unchanged reading, after which the device trips.
+        frozen_ticks: ticks after which the device trips if the output is at twice that excess and the
+            reading does not change.
     """
 
     boot: int
@@ -233,7 +235,7 @@ class DeviceSettings(NamedTuple):
 
 
 class Hello(NamedTuple):
-    """`H,famrig,proto,fw,boot,cause,tick_hz,div,ring,budget,limit,board`.
+    """Hello line, `H,famrig,proto,fw,boot,cause,tick_hz,div,ring,budget,limit,board`.
 
     Attributes:
         protocol: `PROTOCOL`.
@@ -261,7 +263,7 @@ class Hello(NamedTuple):
 
 
 class Ack(NamedTuple):
-    """`A,id,OK,seq` or `A,id,ERR,why`.
+    """Answer to a command, `A,id,OK,seq` or `A,id,ERR,why`.
 
     Attributes:
         id: number of the command.
@@ -275,7 +277,7 @@ class Ack(NamedTuple):
 
 
 class StoredRange(NamedTuple):
-    """`L,oldest,next`: the records that can be repeated, oldest <= seq < next."""
+    """Range of the records that can be repeated, `L,oldest,next`: oldest <= seq < next."""
 
     oldest: int
     next: int

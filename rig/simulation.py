@@ -102,10 +102,10 @@ class SimulatedSensor:
 def pressure_transducer(
     high: float = 200 * PSI, noise: float = 0.25 * PSI, correlation_time: float = 0.01
 ) -> SimulatedSensor:
-    """Return the reference work's transducer, 0 to 200 psi; noise and correlation time are ASSUMED.
+    """Return the transducer of the reference work, 0 to 200 psi; noise and its correlation are ASSUMED.
 
-    The published standard deviations of 0.27 to 0.34 psi are mostly due to the transducer, because the
-    pressure in the air circuit varies by less than 0.12 psi.
+    The published pressures have standard deviations of 0.27 to 0.34 psi. These are mostly due to the
+    transducer, because the pressure in the air circuit varies by less than 0.12 psi.
 
     >>> round(1 / (pressure_transducer().counts_per_unit * PSI), 3)  # psi per count
     0.244
@@ -114,7 +114,7 @@ def pressure_transducer(
 
 
 def load_cell(high: float = 1500 * LBF, noise: float = 0.5 * LBF) -> SimulatedSensor:
-    """Return a load cell for -5 % to 100 % of its range; range and noise are ASSUMED.
+    """Return a load cell that reads from -5 % to 100 % of its range; range and noise are ASSUMED.
 
     The reference work's load cell reads up to 1000 lbf, which the 7/8 in muscle exceeds at 100 psi.
     """
@@ -127,7 +127,7 @@ class MachineClock:
 
     Attributes:
         offset: reading [s] at true time 0.
-        rate: time that the clock gains [s per s].
+        rate: time that the clock gains per unit of true time [s/s].
     """
 
     offset: float = 0.0
@@ -143,7 +143,7 @@ class MachineClock:
 
 
 class TestMachine:
-    """A screw-driven machine that lets a muscle shorten at a constant rate and extends it again.
+    """A screw-driven test machine that lets a muscle shorten at a constant rate and extends it again.
 
     A stroke begins at the rest length, reverses where the load falls to 0 (or after the given stroke), and
     ends at the rest length. The compliance of the frame and the time to reverse the drive are neglected.
@@ -159,7 +159,7 @@ class TestMachine:
         length: active length L [m].
         velocity: dL/dt [m/s], negative while the muscle shortens.
         sync: True if its digital input is high.
-        cycles_left: remaining strokes, including the present one.
+        cycles_left: remaining strokes, including the current one.
         rows: rows of its log: time on its own clock [s], displacement [m], negative if the muscle is
             shorter than at rest, force [N], sync.
     """
@@ -206,7 +206,7 @@ class TestMachine:
         self._rate, self.velocity, self.cycles_left = rate, -rate, cycles
 
     def step(self, now: float, dt: float, load: float) -> None:
-        """Move by dt [s] to the true time `now` [s], under the load [N] at the beginning of the step."""
+        """Advance by dt [s] to the true time `now` [s], with the load [N] at the beginning of the step."""
         velocity = self.velocity
         length = self.length + velocity * dt
         if velocity < 0:
@@ -246,10 +246,10 @@ class ByteChannel:
 
     Args:
         baud: bits per second; None for immediate delivery.
-        limit: largest number of waiting bytes; further bytes are lost, as in a UART. None for no limit.
+        limit: largest number of bytes on the line; further bytes are lost, as in a UART. None for no limit.
 
     Attributes:
-        waiting: number of bytes that have not been received.
+        waiting: number of bytes that were sent but not yet received.
         cut: True if the cable is unplugged: nothing is accepted, and bytes on the line are lost.
     """
 
@@ -309,7 +309,7 @@ class SimulatedRig:
         baud: baud rate of the line, one of `BAUD_RATES`.
         to_device: line from the host; if omitted, one at this baud rate without faults.
         to_host: line from the device; if omitted, one at this baud rate without faults.
-        clock_rate: relative gain of the device's clock over true time [-]; -0.002 is typical of an Uno.
+        clock_rate: fraction by which the device's clock runs fast [-]; -0.002 is typical of an Uno.
         friction: friction of the muscle, see `DahlFriction.share`; ASSUMED.
         seed: seed for the sensors' noise.
 
@@ -375,7 +375,7 @@ class SimulatedRig:
         return self.plant.force
 
     def write(self, data: bytes) -> None:
-        """Receive bytes from the host now."""
+        """Receive bytes that the host sends now."""
         self.to_device.send(data, self.now)
 
     def read(self) -> bytes:
@@ -383,7 +383,7 @@ class SimulatedRig:
         return self.to_host.receive(self.now)
 
     def advance(self, seconds: float) -> None:
-        """Advance time; every 2 ms of the device's clock, step the plant and then the device."""
+        """Advance by a time [s]; every 2 ms of the device's clock, step the plant and then the device."""
         end = self.now + seconds
         device, plant, machine = self.device, self.plant, self.machine
         pressure_counts, force_counts = self.pressure_sensor.counts, self.force_sensor.counts

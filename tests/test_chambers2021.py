@@ -74,7 +74,7 @@ def test_answer_follows_from_the_numbers(chapter7: ModuleType) -> None:
         ]
 
     first, second = chapter7.answer(changed("other", modulus=-1.0))
-    assert "do not suffice in every one: they are enough for 1 of 2" in first
+    assert "do not suffice for every muscle: they are enough for 1 of 2" in first
     assert "they suffice:" in second
     first, second = chapter7.answer(changed("own", left_out=0.02))
     assert "they are enough for 2 of 2" in first

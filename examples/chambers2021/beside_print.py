@@ -1,7 +1,7 @@
-"""Compare computed figures with those printed in the dissertation, and show the tables of a chapter.
+"""Compare computed figures with those printed in the dissertation, and print the tables in a chapter.
 
 All values are in inches, psi, lbf and degrees, as printed. The printed figures come from
-`benchmarks/reference/chambers2021.toml`, transcribed from Chambers 2021.
+`benchmarks/reference/chambers2021.toml`, which was transcribed from Chambers 2021.
 """
 
 import dataclasses
@@ -25,16 +25,16 @@ _REFERENCE = Path(__file__).resolve().parents[2] / "benchmarks/reference/chamber
 
 @dataclasses.dataclass(frozen=True)
 class Row:
-    """One figure, published and computed.
+    """One figure, as published and as computed.
 
     Attributes:
-        table: table in the work, such as "6.11", or the topic of the figure.
+        table: table in the reference work, such as "6.11", or the topic of the figure.
         entry: quantity and conditions.
         computed: computed value, in `unit`.
         unit: "in", "psi", "1" for a dimensionless number, and so on.
         published: printed value; None if it is not available.
-        tolerance: largest difference that counts as agreement, in `unit`. None without `published`, and if
-            the computed value comes from a twin or a reconstruction, which need not agree.
+        tolerance: largest difference that counts as agreement, in `unit`. None if `published` is None, or
+            if the computed value comes from a twin or a reconstruction, which need not agree.
         reason: contributions to the tolerance.
         key: location of the published figure in the reference file, unique among all rows.
         misprint: True if the reference file marks the published figure as a misprint.
@@ -70,7 +70,7 @@ class Row:
         return "within" if self.within else "misprint" if self.misprint else "outside"
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the row for the command's --json."""
+        """Return the row as a dictionary, for `famjax reproduce --json`."""
         names = ("table", "entry", "published", "computed", "unit", "tolerance", "within",
                  "verdict", "reason")  # fmt: skip
         return {name: getattr(self, name) for name in names}
@@ -83,14 +83,14 @@ def beside(
     """Return a row for a printed figure, with a tolerance based on its rounding.
 
     Args:
-        table: table in the work; see `Row`.
+        table: table in the reference work; see `Row`.
         entry: quantity and conditions.
         computed: computed value, in `unit`.
         unit: unit of both values.
         misprint: True if the reference file marks the figure as a misprint.
-        key: location of the printed figure in the reference file, "elastic_braid.D_in.0".
+        key: location of the printed figure in the reference file, such as "elastic_braid.D_in.0".
         spread: tolerance in addition to half a unit in the last printed digit, in `unit`.
-        why: source of the spread.
+        why: reason for the additional tolerance.
     """
     at: Any = _as_written()
     for part in key.split("."):
@@ -109,7 +109,7 @@ Table = tuple[str, Callable[[], list[Row]]]
 
 @functools.cache
 def printed() -> dict[str, Any]:
-    """Return the figures in the reference work; see the comments in the file."""
+    """Return the figures in the reference file, whose comments explain them."""
     return tomllib.loads(_REFERENCE.read_text(encoding="utf-8"))
 
 
@@ -120,7 +120,7 @@ def _as_written() -> dict[str, Any]:
 
 
 class Chapter:
-    """Tables of a chapter, in the order of the work.
+    """The tables in one chapter, in the order of the reference work.
 
     In a script or notebook, each table is computed and shown where it is defined; an imported chapter
     only stores the tables.
@@ -134,7 +134,7 @@ class Chapter:
 
     @property
     def tables(self) -> tuple[Table, ...]:
-        """Tables of the chapter, with titles."""
+        """Titles of the chapter's tables, and the functions that compute them."""
         return tuple(self._tables)
 
     def table(self, title: str) -> Callable[[Callable[[], list[Row]]], Callable[[], list[Row]]]:
@@ -150,7 +150,7 @@ class Chapter:
         return keep
 
     def show(self, title: str, rows: Iterable[Row]) -> None:
-        """Print all rows of a twin's table, in a script or notebook."""
+        """Print all rows of a table that was computed for the twin, in a script or notebook."""
         _print(title, _lines(list(rows)))
 
 
@@ -170,7 +170,7 @@ def _lines(rows: list[Row], most: int | None = None) -> list[str]:
         for row in shown
     ]
     more = len(rows) - len(shown)
-    return [*lines, f"  and {more} more without a printed figure"] if more else lines
+    return [*lines, f"  and {more} more rows without printed figures"] if more else lines
 
 
 def _number(value: float | None) -> str:

@@ -1,4 +1,4 @@
-"""Chapter 2, design: which braid fits which bladder, and the end-fitting that clamps both."""
+"""Chapter 2, design: which braids fit which bladders, and the end-fitting that clamps both."""
 
 import fractions
 import itertools
@@ -25,21 +25,22 @@ chapter = Chapter(__name__)
 
 # %% [markdown]
 # # Chapter 2: design
-# The muscles consist of a latex tube, a braided Kevlar sleeve and two end-fittings with a swaged metal
-# tube. The chapter determines the force and contraction of a braid on a bladder, which braids fit which
-# bladders, and the diameter of the inner fitting at which the swage holds. Every table here is computed
-# from printed sizes; measured results are inputs.
+# Each muscle consists of a latex tube, a braided Kevlar sleeve and two end-fittings with swaged metal
+# tubes. The chapter determines the force and contraction of a braid on a bladder, which braids fit which
+# bladders, and the diameter of the inner fitting at which the swage holds. Every table in this script is
+# computed from the printed dimensions; measured results are used as inputs.
 #
 # ## Table 2.1: earlier muscles, and the ideal forces of their braids
 # The table lists Gaylord's force P pi R^2 (2 tan^2 theta - 1) at rest, and the contraction at which theta
-# reaches the neutral angle of 35.26 deg. Every muscle that was built contracts less, because its bladder
-# resists. Two pull harder than a braid with their nominal diameter and angle would.
+# reaches the neutral angle of 35.26 deg. Every muscle that was built contracts less than its braid would
+# by itself, because the bladder resists. Two of these muscles pull harder than a braid with the same
+# nominal diameter and angle would.
 
 
 # %%
-@chapter.table("table 2.1: muscles, and their braids alone")
+@chapter.table("table 2.1: muscles, and their braids by themselves")
 def swaged() -> list[Row]:
-    """Table 2.1: ideal braids, and their differences from the muscles that were built."""
+    """Return table 2.1 for ideal braids, and their differences from the muscles that were built."""
     found = []
     for of in printed()["swaged_fam"]:
         name, pressure, theta = of["name"], of["pressure_psi"], math.radians(of["braid_angle_deg"])
@@ -50,7 +51,7 @@ def swaged() -> list[Row]:
             ("blocked force", force, of["max_force_lbf"], "lbf"),
             ("free contraction", contraction, of["contraction"], "1"),
         ):
-            entry = f"{name}, {what} of the braid alone"
+            entry = f"{name}, {what} of the braid by itself"
             shown = f"{tested} lbf" if unit == "lbf" else f"{tested}"
             found += [
                 Row("2.1", entry, computed, unit),
@@ -61,15 +62,15 @@ def swaged() -> list[Row]:
 
 # %% [markdown]
 # ## Table 2.2: angles at which braids jam
-# A braid is named after its diameter at 45 deg. At another diameter, the same thread has a different
-# angle. The braid jams where the yarns touch.
+# The nominal diameter of a braid is its diameter at a braid angle of 45 deg. At another diameter, the
+# same thread has a different angle. The braid jams when its yarns touch.
 
 # %%
 _angle_rad = quick_jit(fam_angle)
 
 
 def _angle(diameter: float, nominal: float) -> float:
-    """Braid angle [deg]."""
+    """Return the braid angle [deg] at a diameter."""
     return math.degrees(_angle_rad(np.array(diameter), np.array(nominal)))
 
 
@@ -87,8 +88,8 @@ def jamming_angles() -> list[Row]:
 
 # %% [markdown]
 # ## Table 2.3: braids on bladders
-# The table lists the angle of each braid on each bladder. In the print, a cell is empty if the braid jams
-# first.
+# The table lists the angle of each braid on each bladder. In the reference work, a cell is empty if the
+# braid jams before it fits the bladder.
 
 
 # %%
@@ -107,7 +108,7 @@ def braid_angles() -> list[Row]:
         low, high = np.array(offered[nominal].diameter_range) / units.INCH
         outside = " (boundary)" if table[column][k] else " (infeasible)"
         remark = "" if low <= diameter <= high else outside
-        entry = f"{nominal} in braid on {diameter} in{remark}"
+        entry = f"{nominal} in braid on a {diameter} in bladder{remark}"
         if table[column][k]:
             key = f"braid_angle_table.{column}.{k}"
             found.append(beside("2.3", entry, computed, "deg", key))
@@ -119,13 +120,13 @@ def braid_angles() -> list[Row]:
 # %% [markdown]
 # ## Table 2.4: the inner fitting
 # The swaged tube presses the braid and bladder onto the inner fitting. The diameter of the fitting follows
-# from the bore after swaging and the required compression. A thousandth of an inch matters.
+# from the bore after swaging and the required compression. An error of a thousandth of an inch matters.
 
 
 # %%
 @quick_jit
 def _fittings() -> tuple[Float[Array, ""], ...]:
-    """Return the diameters [in] under braid and bladder, and the change in compression [-]."""
+    """Return the fitting diameters [in] under braid and bladder, and the change in compression [-]."""
     of, specimen = printed()["end_fitting"], printed()["specimen"]
     braid, wall = specimen["braid_thickness_in"], specimen["bladder_thickness_in"]
     tube = of["swage_tube_od_in"]
@@ -151,21 +152,22 @@ def end_fitting() -> list[Row]:
 
 # %% [markdown]
 # ## The support of the swage tube
-# The die pushes on a tube 3.10 in long, which may buckle. A support slides 1.25 in into it and
-# "approximately doubles" Euler's load. A rigid support leaves a column of 1.85 in. A support that only
-# stiffens the tube between pins adds little. Between these extremes, a finite lateral stiffness at the
-# support's inner end doubles the load.
+# The die pushes on a tube 3.10 in long, which may buckle. A support is inserted 1.25 in into the tube and
+# "approximately doubles" Euler's buckling load, according to the reference work. If the support is rigid,
+# only a column of 1.85 in can buckle. If the support only stiffens a column that is pinned at both ends,
+# the load rises little. Between these extremes, a finite lateral stiffness at the support's inner end
+# doubles the load.
 
 
 # %%
 def stepped_column_gain(inserted: float, stiffening: float) -> float:
-    """Return the ratio of the Euler loads of a column stiffened at one end and a plain one, both pinned.
+    """Return the ratio of Euler's load for a pinned column, stiffened at one end, to that of a plain one.
 
-    The smallest root of alpha cot(alpha a) + beta cot(beta b) = 0, where b = `inserted`, a = 1 - b,
-    alpha = pi sqrt(gain) and beta = alpha / sqrt(stiffening).
+    The gain follows from the smallest root of alpha cot(alpha a) + beta cot(beta b) = 0, where
+    b = `inserted`, a = 1 - b, alpha = pi sqrt(gain) and beta = alpha / sqrt(stiffening).
 
     Args:
-        inserted: fraction of the length with the support inserted [-], in (0, 1).
+        inserted: fraction of the column's length that the support stiffens [-], in (0, 1).
         stiffening: ratio of the second moments of area, stiffened to plain [-], >= 1.
 
     Returns:
@@ -195,13 +197,13 @@ def support_stiffness(gain: float, inserted: float, stiffening: float) -> float:
     in units of the plain column's length and load, where P is the gain.
 
     Args:
-        gain: ratio to the load of the plain column [-], above `stepped_column_gain` and below that of
-            the weaker part by itself between pins, 1 / a^2 or `stiffening` / b^2.
-        inserted: fraction of the length with the support inserted [-], in (0, 1).
+        gain: ratio of the load to that of the plain column [-], above `stepped_column_gain` and below the
+            ratio for the weaker part by itself, pinned at both ends, 1 / a^2 or `stiffening` / b^2.
+        inserted: fraction of the column's length that the support stiffens [-], in (0, 1).
         stiffening: ratio of the second moments of area, stiffened to plain [-], >= 1.
 
     Returns:
-        k L / P_Euler [-], where P_Euler and L are those of the plain column.
+        k L / P_Euler [-], where P_Euler and L are the load and length of the plain column.
 
     Raises:
         ValueError: no spring produces this gain.
@@ -214,7 +216,7 @@ def support_stiffness(gain: float, inserted: float, stiffening: float) -> float:
     if not (g < 0 and 1 < gain < most):
         least = stepped_column_gain(inserted, stiffening)
         raise ValueError(
-            f"the gain with a laterally elastic support must lie between {least:.4g} and {most:.4g}, "
+            f"the gain with an elastic lateral support must be between {least:.4g} and {most:.4g}, "
             f"but is {gain:.4g}"
         )
     return gain * g / ((1 - inserted) * inserted * g - 1)
@@ -242,9 +244,9 @@ def tube_support() -> list[Row]:
                "end_fitting.unsupported_length_after_support_in"),
         Row("2.4, support", "second moment of area with the support, relative to the tube's", stiffer, "1"),
         Row("2.4, support", "gain in Euler's load with a rigid support", rigid, "1"),
-        Row("2.4, support", "gain in Euler's load of the stepped column between pins", stepped, "1"),
+        Row("2.4, support", "gain in Euler's load for a stepped column pinned at both ends", stepped, "1"),
         Row("2.4, support", "lateral stiffness at the support's inner end that doubles the load, "
-            "times the length divided by the bare tube's load", doubling, "1"),
+            "multiplied by the length and divided by the bare tube's load", doubling, "1"),
     ]  # fmt: skip
 
 

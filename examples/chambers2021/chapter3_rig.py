@@ -2,14 +2,14 @@
 
 # %% [markdown]
 # # Chapter 3: the rig
-# A microcontroller controls the muscle's pressure while a testing machine strokes it, with two valves for
-# air and a pump for water. A PI controller converts the error in psi to PWM counts. Its gains were tuned
-# by hand for each muscle and fluid. The journal and the machine have separate clocks, which must be
-# aligned before any comparison.
+# A microcontroller controls the pressure in the muscle while a testing machine strokes the muscle. It
+# uses two valves for air and a pump for water. A PI controller converts the error in psi to PWM counts.
+# Its gains were tuned by hand for each muscle and fluid. The journal and the machine have separate
+# clocks, which must be aligned before any comparison.
 #
-# Measured pressures and forces are not printed. Here the twin is tested on the simulated rig with the
-# printed gains, supply and bias. Noise, friction and flow capacities are assumed if they are not printed
-# in the work. Each of the twin's figures is compared with the measured one.
+# The records of pressure and force are not printed. Here the twin is tested on the simulated rig with the
+# printed gains, supply pressure and valve bias. Noise, friction and flow capacities are assumed if they
+# are not printed. Each figure for the twin is compared with the measured one.
 
 # %%
 
@@ -30,8 +30,8 @@ FAM = "7/8 in"
 
 # %% [markdown]
 # ## Table 3.2: the gains, and a test with water
-# The twin's folder contains a test with air. Here the same strokes are run with water and the printed Kp
-# and Ki.
+# The twin's folder contains a test with air. Here the same strokes are run with water and with the printed
+# gains Kp and Ki.
 
 
 # %%
@@ -42,7 +42,7 @@ def gains(fluid: str) -> Control:
 
 
 def water(twin: Twin) -> Characterisation:
-    """Test the twin with water at its set pressures; the result is kept in the folder."""
+    """Test the twin with water at the same set pressures as with air, and keep the result in its folder."""
     folder, test = twin.folder / "water", twin.test
     rest = twin.sheet.specimen.rest_length
     if not (folder / "machine.csv").exists():
@@ -62,13 +62,13 @@ def water(twin: Twin) -> Characterisation:
 # %% [markdown]
 # ## Tables 3.3 and 3.4: mean and scatter of the pressure
 # The test with water runs at 0.04 in/s, as in chapter 4, which is twice the rate of the printed tables.
-# The pump lags behind each reversal of the stroke, so the pressure scatters more than in the print. (At
+# The pump lags behind each reversal of the stroke, so the pressure scatters more than in the work. (At
 # 0.1 in/s, the rate of the twin's test with air, the pump is too slow and the device trips.)
 
 
 # %%
 def held(tests: dict[str, Characterisation]) -> list[Row]:
-    """Return mean and standard deviation of the pressure during the strokes, at printed pressures."""
+    """Return the mean and standard deviation of the pressure during the strokes, by set pressure."""
     (of,) = [row for row in printed()["pressure_result"] if row["fam"] == FAM]
     found = []
     for (table, name, key), (fluid, test) in (
@@ -88,7 +88,8 @@ def held(tests: dict[str, Characterisation]) -> list[Row]:
 
 # %% [markdown]
 # ## Table 3.5: does the fluid change the force?
-# In the print, by at most 7.65 lbf in 1058 lbf. The twin's two tests also differ in stroke rate.
+# In the reference work, the fluid changes the force by at most 7.65 lbf in 1058 lbf. The two tests of the
+# twin also differ in stroke rate.
 
 
 # %%
@@ -104,7 +105,7 @@ def force_rmse(one: Isobar, other: Isobar) -> float:
 
 
 def fluids(tests: dict[str, Characterisation]) -> list[Row]:
-    """Return the RMS difference in force between the fluids."""
+    """Return the RMS difference in force between air and water, at each pressure."""
     theirs = dict(
         zip(
             printed()["pressure_control"]["set_psi"],
@@ -127,12 +128,13 @@ def fluids(tests: dict[str, Characterisation]) -> list[Row]:
 
 # %% [markdown]
 # ## The clocks
-# The lead of the machine's clock is computed from the two force records; the twin's true lead is known.
+# The lead of the machine's clock over the journal's is computed from the two force records. For the twin,
+# the true lead is known.
 
 
 # %%
 def clocks(twin: Twin) -> list[Row]:
-    """Compare the computed alignment with the truth."""
+    """Compare the computed alignment of the clocks with the true one."""
     found, true = twin.test.alignment, twin.truth.rig
     at = (found.reference - true.clock_ahead) / (1 + true.clock_drift)
     error = float(found.journal_time(found.reference)) - at
@@ -146,6 +148,6 @@ def clocks(twin: Twin) -> list[Row]:
 if chapter.shown:
     twin = Twin.of_command_line()
     both = {"air": twin.test.characterisation, "water": water(twin)}
-    chapter.show("tables 3.3 and 3.4: pressure held", held(both))
+    chapter.show("tables 3.3 and 3.4: pressure during the strokes", held(both))
     chapter.show("table 3.5: air compared with water", fluids(both))
     chapter.show("section 3: clocks", clocks(twin))

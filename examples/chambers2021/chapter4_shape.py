@@ -27,10 +27,10 @@ chapter = Chapter(__name__)
 # # Chapter 4: photogrammetry
 # One camera, 60 in away, photographs the muscle once per second while the machine strokes it. Bright tapes
 # on the fittings mark the ends of the active length, and a ruler provides the scale. In every photograph
-# the outline is detected and described by three Fourier terms. The chapter compares the lengths with the
-# testing machine's, and the shape with the usual assumption of a cylinder.
+# the outline is detected and described by three Fourier terms. The chapter compares the photographed
+# lengths with those from the testing machine, and the shape with the cylinder that is usually assumed.
 #
-# ## Sizes and set-up
+# ## Dimensions and set-up
 
 
 # %%
@@ -66,8 +66,9 @@ def camera() -> list[Row]:
 
 # %% [markdown]
 # ## The braid angle from the slope of blocked force
-# Without a camera, the angle is estimated from the braid's blocked force, which rises with pressure by
-# pi R^2 (2 tan^2 theta - 1). The diameter may be that of the bladder or the braid, which gives two angles.
+# Without a camera, the angle is estimated from the slope of blocked force against pressure, which is
+# pi R^2 (2 tan^2 theta - 1) for a braid. The diameter may be that of the bladder or that of the braid, so
+# there are two estimates.
 
 
 # %%
@@ -81,7 +82,7 @@ def _angle_from_slope(
 
 @chapter.table("section 4: angle from the slope of blocked force")
 def angle_from_slope() -> list[Row]:
-    """Return theta0 for which Gaylord's blocked force rises with pressure as the tested force does."""
+    """Return theta0 for which the slope of Gaylord's blocked force equals that of the tested force."""
     tested = printed()["tested"]
     P, F = (np.array(tested[key], float) for key in ("pressure_psi", "blocked_force_lbf"))
     found = []
@@ -102,13 +103,13 @@ def angle_from_slope() -> list[Row]:
 
 # %% [markdown]
 # ## Table 4.3: profiles at 100 psi
-# D(x) = a0 + sum a_n cos(n w x) + b_n sin(n w x) at five contractions. As printed, only the row at 0 %
-# describes a muscle; the others are asymmetric, and some are negative. A profile that is symmetric about
-# x = 1/2 needs b_n/a_n = tan(n w/2), which determines w.
+# The table describes the diameter, D(x) = a0 + sum a_n cos(n w x) + b_n sin(n w x), at five contractions.
+# As printed, only the row at 0 % describes a muscle; the other profiles are asymmetric, and some diameters
+# are negative. A profile that is symmetric about x = 1/2 requires b_n/a_n = tan(n w/2), which determines w.
 
 # %%
 SHAPE_X = np.linspace(0, 1, 301)
-"""Positions of the plotted profiles of table 4.3."""
+"""Positions x at which the profiles in table 4.3 are plotted."""
 
 _X = np.linspace(0, 1, 401)
 
@@ -116,7 +117,7 @@ _X = np.linspace(0, 1, 401)
 def printed_diameter(
     row: dict, x: Float[np.ndarray, " n"], *, corrected: bool
 ) -> Float[np.ndarray, " n"]:
-    """Return the diameter [in] at x for a row of table 4.3, even where it is negative as printed."""
+    """Return the diameter [in] at x for a row in table 4.3, even if it is negative as printed."""
     w = row["w_corrected" if corrected else "w_as_printed"]
     b = [row["b"][0] if corrected else row.get("b1_as_printed", row["b"][0]), *row["b"][1:]]
     angle = np.arange(1, len(b) + 1) * w * np.asarray(x)[:, None]
@@ -150,7 +151,7 @@ def _shapes() -> tuple[dict[str, Float[Array, "profiles ..."]], ...]:
 
 @functools.cache
 def shapes() -> dict[str, dict[str, Float[np.ndarray, "profiles ..."]]]:
-    """Return w, mean D, arc length and volume in inches, and D at `SHAPE_X`, for table 4.3's profiles."""
+    """Return w, mean D, arc length and volume in inches, and D at `SHAPE_X`, for table 4.3."""
     used, transcribed = jax.tree.map(np.asarray, _shapes())
     return {"used": used, "transcribed w": transcribed}
 
@@ -172,7 +173,7 @@ def profiles() -> list[Row]:
             )
             found += [Row("4.3", f"{label}, {at}, {name}", float(v), "in") for name, v in values]
         symmetric = float(shapes()["used"]["w"][k])
-        entry = f"w that makes the printed a_n and b_n symmetric, {at}"
+        entry = f"w that makes the printed profile symmetric, {at}"
         key = f"profile_100psi.{k}.w_as_printed"
         # The sign of w follows from the b_n, and the print is consistent with it.
         signed = math.copysign(symmetric, row["w_as_printed"])
@@ -196,12 +197,12 @@ def profiles() -> list[Row]:
 
 # %% [markdown]
 # ## Table 4.2: how many Fourier terms a profile needs
-# The photographs are not printed, so these profiles consist of elliptic ends and a cylinder.
+# The photographs are not published, so synthetic profiles are used: a cylinder with elliptic ends.
 
 # %%
 END_LENGTH, END_ANGLE = 1.1, 1.0
 """Length [in] of each rounded end of the synthetic profiles, and the parameter angle [rad] of its
-ellipse at the fitting, which makes the slope there finite."""
+ellipse at the fitting, chosen so that the slope there is finite."""
 
 _WAVE_NUMBERS = np.linspace(1.0, 7.0, 241)
 
@@ -217,7 +218,7 @@ def _series(w: float, x: Float[np.ndarray, " n"], terms: int) -> Float[np.ndarra
 def fit_terms(
     x: Float[np.ndarray, " n"], diameters: Float[np.ndarray, "profiles n"], terms: int
 ) -> Float[np.ndarray, "profiles n"]:
-    """Fit a series with this number of terms and free w to each profile by least squares.
+    """Fit a Fourier series with this number of terms and free w to each profile by least squares.
 
     For each w on a grid, the coefficients are found by linear least squares; the best w is kept.
     """
@@ -239,16 +240,17 @@ def _synthetic_diameters() -> Float[Array, "profiles n"]:
 
 @functools.cache
 def synthetic_profiles() -> dict[float, Float[np.ndarray, " n"]]:
-    """Return SYNTHETIC diameters [in] at 201 positions, by contraction: elliptic ends and a cylinder.
+    """Return SYNTHETIC diameters [in] at 201 positions, by contraction, of a cylinder with elliptic ends.
 
-    The middle follows the braid's triangle; the ends have the braid's diameter at rest.
+    The diameter of the cylinder follows from the triangle relation of the braid. At the fittings, the
+    diameter is that of the braid at rest.
     """
     return dict(zip(CONTRACTIONS, np.asarray(_synthetic_diameters()), strict=True))
 
 
 @chapter.table("table 4.2: Fourier terms of a profile")
 def fourier_terms() -> list[Row]:
-    """Return the errors in table 4.2 for synthetic profiles, because the photographs are not printed."""
+    """Return the errors in table 4.2 for synthetic profiles, because the photographs are not published."""
     profiles = np.stack(list(synthetic_profiles().values()))
     found = []
     for terms in printed()["fourier_terms"]["terms"]:
@@ -265,13 +267,13 @@ def fourier_terms() -> list[Row]:
 
 # %% [markdown]
 # ## Photographs of the twin
-# The work used its photographs to compare lengths with the testing machine's, and to choose the number of
-# Fourier terms. The twin's photographs are rendered, and its true lengths are known.
+# The reference work used photographs to check the lengths from the testing machine, and to choose the
+# number of Fourier terms. The twin's photographs are rendered, and its true lengths are known.
 
 
 # %%
 def photographed_lengths(twin: Twin) -> list[Row]:
-    """Return the largest error in length relative to the machine, as in the work, and to the truth."""
+    """Return the largest errors in length, relative to the machine (as in the work) and to the truth."""
     table, rest = twin.pictures, twin.sheet.specimen.rest_length
     errors = {"the machine": table["length"] - (rest + table["displacement"])}
     true = np.array([twin.lengths[Path(path).name] for path in table.path])

@@ -1,4 +1,4 @@
-"""Chapter 5, the elastic braid: how the threads stretch at the resting length."""
+"""Chapter 5, the elastic braid: how much the threads stretch at the resting length."""
 
 import functools
 from typing import NamedTuple
@@ -26,8 +26,8 @@ chapter = Chapter(__name__)
 # # Chapter 5: the elastic braid
 # Photographs of the blocked muscle show that its diameter grows with pressure, from 1.001 in at rest to
 # 1.044 in at 100 psi. A braid of inextensible threads cannot expand at constant length, so the threads
-# stretch. The chapter determines how much they stretch, and how this affects angle and force. The
-# diameters and blocked forces are the printed ones.
+# stretch. The chapter determines how much they stretch, and how this affects the angle and the force. The
+# printed diameters and blocked forces are used here.
 #
 # ## The threads
 
@@ -47,7 +47,7 @@ def area() -> list[Row]:
 
 # %%
 HIGH_PRESSURE = 80.0
-"""Lowest pressure [psi] in the high-pressure fit; the work's choice is not printed."""
+"""Lowest pressure [psi] in the high-pressure fit; the reference work does not state its choice."""
 
 DIGIT = 0.0005
 """Half a unit in the last digit of the printed diameters [in]."""
@@ -56,7 +56,7 @@ WHY = "half a unit in the last digit of the printed diameters"
 
 
 class InSitu(NamedTuple):
-    """State of the threads at each printed pressure, in SI, and their moduli.
+    """State of the threads at each printed pressure, in SI units, and their moduli.
 
     Attributes:
         thread_length: B [m].
@@ -122,9 +122,9 @@ def from_diameters() -> list[Row]:
 
 # %% [markdown]
 # ## The modulus in situ
-# The modulus is the slope of stress against strain for the threads. The work printed two moduli. One uses
-# all points; the model B = B0 (1 + T/(A_b E_b)) then requires a line through the origin. The other uses
-# the points at high pressure, beyond the toe region.
+# The modulus is the slope of the threads' stress-strain curve. The reference work lists two moduli. One is
+# the slope of a line through the origin and all points, as the model B = B0 (1 + T/(A_b E_b)) requires. The
+# other is the slope of the points at high pressure, beyond the toe region.
 
 
 # %%
@@ -153,7 +153,7 @@ def moduli() -> list[Row]:
 # %% [markdown]
 # ## Table 5.1 again: the elastic braid as a model
 # Here the modulus is the only input. Tension stretches the thread, and the stretch changes the angle and
-# the tension, which leads to an equation for B. The result is compared with the photographed diameters.
+# the tension, so B is the solution of an equation. The result is compared with the photographed diameters.
 
 # %%
 SWEPT = np.linspace(0, 100, 51)
@@ -166,7 +166,7 @@ def _at(pressure: float) -> int:
 
 
 class BraidState(NamedTuple):
-    """A braid at a length and pressure under Gaylord's force, in inches, radians and lbf."""
+    """State of a braid at a length and pressure under Gaylord's force, in inches, radians and lbf."""
 
     thread_length: Array
     diameter: Array
@@ -176,7 +176,7 @@ class BraidState(NamedTuple):
 
 
 class BraidStretch(NamedTuple):
-    """The same braid with and without stretch of its threads."""
+    """States of the same braid with and without stretch of its threads."""
 
     elastic: BraidState
     inelastic: BraidState
@@ -204,7 +204,7 @@ def _stretched(
 
 @functools.cache
 def stretch(softness: float = 1.0) -> BraidStretch:
-    """Return the braid at the resting length at `SWEPT`, with and without stretch, as NumPy arrays."""
+    """Return the braid at its resting length and the pressures `SWEPT`, with and without stretch."""
     rest = np.asarray(printed()["specimen"]["active_length_in"])
     return jax.tree.map(np.asarray, _stretched(jnp.asarray(softness), rest, SWEPT))
 
@@ -228,7 +228,7 @@ SOFT = 10.0
 """Ratio of the stiffness of Kevlar to that of the soft braid."""
 
 BRAIDS = (("5.2", "", 1.0), ("5, soft braid", "soft braid, ", SOFT))
-"""Table, label and softness of the braids listed with and without stretch."""
+"""Table, label and softness of each braid that is listed with and without stretch."""
 
 
 def _columns(state: BraidState) -> dict[str, tuple[str, np.ndarray]]:
@@ -257,7 +257,7 @@ def stretched() -> list[Row]:
     return found
 
 
-@chapter.table("table 5.2: changes due to the elastic braid")
+@chapter.table("table 5.2: effects of the elastic braid")
 def changes() -> list[Row]:
     """Return the effect of thread stretch at rest and at the tested free contraction."""
     tested, rest = printed()["tested"], printed()["specimen"]["active_length_in"]
@@ -287,17 +287,17 @@ def changes() -> list[Row]:
 # %%
 @chapter.table("section 5: strength of the threads")
 def strength() -> list[Row]:
-    """Return the ratios of the threads' tested strength and strain to those in use."""
+    """Return the ratios of the threads' breaking load and elongation to those in use."""
     of, table = printed()["specimen"], printed()["elastic_braid"]
     burst = printed()["tested_fams"]
     state = in_situ()
     radius, angle = table["D_in"][0] / 2, float(state.braid_angle[0])
     used = {
-        "at the blocked force of 100 psi": (printed()["tested"]["blocked_force_lbf"][-1], 100.0),
-        "at the printed burst, with the braid as at 100 psi": (
+        "at the blocked force at 100 psi": (printed()["tested"]["blocked_force_lbf"][-1], 100.0),
+        "at the printed burst pressure, with the diameter and angle at 100 psi": (
             burst["burst_force_lbf"], burst["burst_pressure_psi"]
         ),
-        "at the printed tensile failure, with the braid as at rest": (
+        "at the printed tensile failure, with the diameter and angle at rest": (
             burst["tensile_failure_lbf"], 0.0
         ),
     }  # fmt: skip

@@ -1,4 +1,4 @@
-"""Chapter 6, the cylindrical approximation: strains, stresses and forces of four geometries."""
+"""Chapter 6, the cylindrical approximation: strains, stresses and forces for four geometries."""
 
 import math
 from collections.abc import Mapping
@@ -27,10 +27,11 @@ chapter = Chapter(__name__)
 
 # %% [markdown]
 # # Chapter 6: the cylindrical approximation
-# The force is that of the pressurised braid, Gaylord's force, minus the axial and hoop contributions of
-# the bladder. Each term requires diameter, angle, strain and wall thickness. The chapter obtains them from
-# four geometries: a cylinder with an inelastic or an elastic braid (estimated), the mean of the
-# photographed diameters, and the photographed shape itself. It quantifies the error of assuming a cylinder.
+# The force is Gaylord's force, which is that of the pressurised braid, minus the axial and hoop
+# contributions of the bladder. To compute these terms, the diameter, braid angle, strains and wall
+# thickness are required. The chapter obtains them from four geometries: a cylinder with an inelastic or an
+# elastic braid (estimated), the mean of the photographed diameters, and the photographed shape itself. It
+# quantifies the error that results from assuming a cylinder.
 #
 # ## The latex of the bladder
 
@@ -38,7 +39,7 @@ chapter = Chapter(__name__)
 # %%
 @chapter.table("section 6: latex specimen")
 def latex() -> list[Row]:
-    """Return the volume and cross-sections of the tensile specimen, computed from its tube."""
+    """Return the volume and cross-sections of the tensile specimen, from the dimensions of its tube."""
     of, specimen = printed()["latex"], printed()["specimen"]
     before = of["test_length_in"] - 3 / 32
     tube = (specimen["bladder_outer_diameter_in"], specimen["bladder_thickness_in"])
@@ -55,8 +56,8 @@ def latex() -> list[Row]:
 # %% [markdown]
 # ## Tables 6.1 and 6.2: powers of strain
 # A law sigma = sum E_n eps^n requires the mean of eps^n over the length, which is not the n-th power of the
-# mean. The axial strain along the shape is smaller than (L0 - L)/L0, because its arc is longer than its
-# axis.
+# mean. The axial strain of the measured shape is smaller than (L0 - L)/L0, because the arc of the outline
+# is longer than the axis.
 
 # %%
 STRAINS = {
@@ -68,7 +69,7 @@ STRAINS = {
 
 
 def _at_printed(name: str, quantity: str) -> tuple[float, float]:
-    """Return a quantity at 100 psi and 35.3 %, and its tolerance."""
+    """Return a quantity at 100 psi and a contraction of 35.3 %, and its tolerance."""
 
     def value(of: Mapping[str, Terms]) -> float:
         return float(of[name].at_100_psi(quantity)[PRINTED])
@@ -81,7 +82,7 @@ def strains() -> list[Row]:
     """Return the strains at 35.3 %, the printed free contraction.
 
     The axial strain of the measured shape is computed from the arc of the outline, which is less certain.
-    The fit with three terms is worst at the two ends, by 0.036 in on the diameter (table 4.2).
+    The fit with three terms is worst at the two ends, where the diameter is wrong by 0.036 in (table 4.2).
     """
     of = printed()["fourier_terms"]
     end = dict(zip(of["terms"], of["max_error_in"], strict=True))[3]
@@ -108,7 +109,7 @@ def strains() -> list[Row]:
 
 
 def _stretched_by_zero_force() -> Change:
-    """Return the change in B0 if zero force, not Gaylord's, stretched the threads at free contraction."""
+    """Return the change in B0 if the force that stretches the threads is zero at free contraction."""
     at, braid = terms()["estimated elastic"], elastic_braid()
     force, angle = (at.at_100_psi(name)[TESTED][-1] for name in ("Gaylord force", "braid angle"))
     less = braid.thread.strain(force / (braid.n_threads * np.sin(np.deg2rad(angle))))
@@ -134,7 +135,7 @@ def thinnest() -> list[Row]:
             size, why = spread(least), WHY
             if name == "estimated elastic":
                 size += abs(least(other) - least(terms()))
-                why += ", and whether Gaylord's force or none stretches the threads, which is not stated"
+                why += ", and the force that stretches the threads (Gaylord's or zero), which is not stated"
             found.append(beside(*row, f"bladder_thickness.{key}", size, why))
         else:
             found.append(Row(*row))
@@ -148,7 +149,7 @@ def thinnest() -> list[Row]:
 # %%
 @chapter.table("table 6.3: Gaylord's force")
 def gaylord() -> list[Row]:
-    """Return table 6.3: 100 psi, up to the tested free contraction."""
+    """Return table 6.3 at 100 psi, up to the tested free contraction."""
     found = []
     for state, keys in printed()["gaylord_100psi"].items():
         for key in keys:
@@ -176,7 +177,7 @@ def gaylord() -> list[Row]:
 
 # %% [markdown]
 # ## Tables 6.3 to 6.9: every term at rest, at free contraction and at its maximum
-# The transcription contains no numbers for these tables; the first few computed rows are shown.
+# The transcription contains no numbers for these tables, so only the first few computed rows are shown.
 
 # %%
 QUANTITIES = {
@@ -189,7 +190,7 @@ QUANTITIES = {
     "bladder force": ("6.8", "lbf"),
     "total force": ("6.9", "lbf"),
 }
-"""Table in the work, and unit, for each quantity as a function of contraction."""
+"""Table in the reference work, and unit, for each quantity as a function of contraction."""
 
 STATES = {
     "rest": "at rest",
@@ -210,7 +211,7 @@ def _states(quantity: str, geometry: str, pressure: float) -> dict[str, str]:
 
 @chapter.table("tables 6.3 to 6.9: terms of the force balance")
 def every_term() -> list[Row]:
-    """Return each quantity, geometry, pressure and state without a published figure."""
+    """Return the rows without published figures, by quantity, geometry, pressure and state."""
     found = []
     for quantity, (table, unit) in QUANTITIES.items():
         for name, of in terms().items():
@@ -226,8 +227,8 @@ def mean_absolute() -> list[Row]:
     """Return the mean absolute errors of each geometry relative to the measured one.
 
     The means are taken over contraction from rest to the tested free contraction. The error in Gaylord's
-    force at 100 psi is in `gaylord`. It is relative to the average diameter, which is equivalent for this
-    term.
+    force at 100 psi is computed in `gaylord`, relative to the average diameter. For this term, the average
+    diameter and the measured geometry are equivalent.
     """
     measured, found = terms()["measured"], []
     for quantity, (table, unit) in {**STRAINS, **QUANTITIES}.items():
@@ -248,9 +249,9 @@ def mean_absolute() -> list[Row]:
 # %% [markdown]
 # ## Summary of the chapter: errors of the cylinder at 35 %
 
-# In a cylinder with the mean diameter, the thread is 0.29 in shorter than its true length: "lost to
-# curvature". This is an artefact of the cylinder. The last row gives the length of the same thread along
-# the measured outline at constant pitch.
+# On a cylinder with the mean diameter, a thread is 0.29 in shorter than its true length. The reference
+# work calls this difference "lost to curvature", but it is an artefact of assuming a cylinder. The last
+# row lists the same difference for a thread with constant pitch along the measured outline.
 
 
 # %%
@@ -280,7 +281,7 @@ def _cylinder(diameter: float) -> float:
 
 
 def thread_along_outline() -> float:
-    """Return the length [in] of a thread with constant pitch on the measured outline, 35.3 %, 100 psi."""
+    """Return the length [in] of a thread with constant pitch on the measured outline at 35.3 %, 100 psi."""
     x, N = np.linspace(0, 1, 2001), printed()["specimen"]["turns_N"]
     D = np.asarray(measured_family().diameter(x, _length(), 100.0))
     slope = np.gradient(D / 2, x)
@@ -293,7 +294,7 @@ def headline() -> list[Row]:
     stretched = float(elastic_braid().thread_length(np.asarray(_length()), np.asarray(100.0)))
     size = {name: spread(lambda of, name=name: _differences(of)[name]) for name in found}
     share = Row(
-        table, "the same, relative to the measured", found["share"], "1", 0.047, 0.0005 + size["share"],
+        table, "relative error in estimated diameter", found["share"], "1", 0.047, 0.0005 + size["share"],
         f"half a unit in the last digit, and {WHY}", "headline.diameter_overestimate_in, in percent",
     )  # fmt: skip
     return [
@@ -304,14 +305,14 @@ def headline() -> list[Row]:
                "headline.braid_angle_underestimate_deg", size["theta"], WHY),
         beside(table, "thread length lost to curvature, for cylinders with the mean diameters", found["B"],
                "in", "headline.thread_length_lost_to_curvature_in", size["B"], WHY),
-        Row(table, "the same along the measured outline at constant pitch",
+        Row(table, "thread length lost along the measured outline at constant pitch",
             stretched - thread_along_outline(), "in"),
     ]  # fmt: skip
 
 
 # %% [markdown]
 # ## Tables 6.11 and 6.12: blocked force and free contraction
-# These are computed with the latex law from a tensile test, without any fit.
+# These values are computed with the latex law from a tensile test, without any fit.
 
 
 # %%
@@ -353,8 +354,8 @@ def free() -> list[Row]:
 
 # %% [markdown]
 # ## The twin: force errors of each geometry
-# The shape is measured from the twin's photographs. The law is that of its own rubber, as a tensile test
-# would determine it; nothing is fitted. As in the print, the cylinders have the larger errors.
+# The shape is measured from the twin's photographs. The law is that of the twin's own rubber, as a tensile
+# test would determine it; nothing is fitted. As in the reference work, the cylinders have larger errors.
 
 
 # %%

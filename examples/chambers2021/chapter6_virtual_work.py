@@ -14,7 +14,7 @@ chapter = Chapter(__name__)
 
 # %% [markdown]
 # # Chapter 6, beyond the print: virtual work instead of Gaylord's force
-# Gaylord's force applies to a cylinder. A body with any outline pulls with the force -P dV/dL. If the
+# Gaylord's force applies to a cylinder. For any shape, the force due to the pressure is -P dV/dL. If the
 # threads stretch, the derivative is taken at constant thread length, because the work that stretches them
 # is internal.
 
@@ -23,7 +23,7 @@ PRESSURE = 100.0
 
 
 CONTRACTIONS = np.linspace(0, 0.35, 71)
-"""Range of the measured profiles."""
+"""Contractions in the range of the measured profiles."""
 
 TABULATED = (0.0, 0.1, 0.2, 0.3, 0.35)
 
@@ -53,10 +53,11 @@ def _mean(values: Float[np.ndarray, " n"]) -> float:
 
 @chapter.table("force due to the pressure")
 def work() -> list[Row]:
-    """Return both terms and their means.
+    """Return the pressure terms and their means over contraction.
 
-    At constant pressure, the mean of the derivative over the range is exact: it is the difference between
-    two volumes. At a single contraction, the derivative is that of the spline through five profiles.
+    At constant pressure, the mean of the derivative over the range is exact, because it is the difference
+    between two volumes. At a single contraction, the derivative is that of a spline through
+    five profiles.
     """
     table, found = "virtual work", []
     for name, columns in over_contraction().items():
@@ -81,15 +82,15 @@ def work() -> list[Row]:
 
 # %% [markdown]
 # ## The work budget
-# The budget of a stroke from rest to 35 % (or to zero force) contains int F dL, the work on the load;
-# int P dV, the work of the fluid; and the change in the energy of bladder and threads. A negative remainder
-# is work that the force model creates from nothing.
+# The work budget of a stroke from rest to 35 % contraction (or to zero force) has three parts: the work on
+# the load, int F dL; the work of the fluid, int P dV; and the change in the energy of bladder and threads.
+# A negative remainder is work that the force model creates from nothing.
 
 
 # %%
 @chapter.table("work in a stroke")
 def strokes() -> list[Row]:
-    """Return the work budget for every geometry, and for the shape from mechanics."""
+    """Return the work budget for every geometry, including the shape computed from mechanics."""
     tube, budgets = bladder(), {}
     shaped = famjax.EquilibriumMuscle(inelastic_braid(), tube, latex(), end_diameter=0.863)
     rest = float(tube.rest_length)

@@ -27,12 +27,13 @@ chapter = Chapter(__name__)
 # # Chapter 7: identification
 # With the latex law from a tensile test, the model does not match the tested isobars. The chapter therefore
 # asks which E_n would fit them. It fits laws of order 1 to 4, free, linear or fixed in pressure, under four
-# constraints: 48 fits in the measured geometry. The objective is the mean over pressures of the RMSE. The
+# constraints: 48 fits in the measured geometry. The objective is the RMSE, averaged over the pressures. The
 # work used a local solver. Because the force is linear in the E_n, each fit has one optimum, which
 # `fitting.sweep` certifies.
 #
 # The tested isobars are not printed. Every figure below uses other isobars: those of the twin or, in
-# `famjax reproduce`, those of a reconstruction. Agreement with the print shows that the method is the same.
+# `famjax reproduce`, those of a reconstruction. Agreement with the printed figures shows that the
+# method is the same.
 
 
 # %%
@@ -45,8 +46,8 @@ class Isobars:
         data: readings.
         geometry: geometry used in the fits.
         ends: blocked force and free contraction of each isobar if known independently of the readings, for
-            example for a twin, whose records end before either; None if they follow from the readings.
-        psi, lbf: these units, expressed in the units of the data.
+            example for a twin, whose records end before either; None to compute them from the readings.
+        psi, lbf: one psi and one lbf, expressed in the units of the data.
     """
 
     mark: str
@@ -72,7 +73,7 @@ class Isobars:
         return (blocked - self.ends[0]) / self.lbf, free - self.ends[1]
 
     def fits(self, dependence: str, order: int, *constraints: str) -> Sweep:
-        """Run the fits with the work's objective and no deadband."""
+        """Run the fits with the objective used in the reference work, and without a deadband."""
         return sweep(
             self.data,
             self.geometry,
@@ -105,7 +106,7 @@ FIGURES = (
 
 
 def errors(of: Isobars, fit: SweepRow) -> dict[str, Float[np.ndarray, " pressures"]]:
-    """Return the figures of a fit by key, at each pressure."""
+    """Return the figures of a fit at each pressure, keyed as in the reference file."""
     blocked, free = of.end_errors(fit)
     found = (blocked, free, fit.mae_by_pressure / of.lbf, fit.rmse_by_pressure / of.lbf)
     return {key: values for (key, _, _), values in zip(FIGURES, found, strict=True)}
@@ -114,7 +115,7 @@ def errors(of: Isobars, fit: SweepRow) -> dict[str, Float[np.ndarray, " pressure
 def averages(
     of: Isobars, table: str, label: str, fit: SweepRow, published: dict[str, Any]
 ) -> list[Row]:
-    """Return mean absolute errors over pressures, if the work prints them."""
+    """Return the mean absolute errors over pressures that are also printed in the reference work."""
     found = []
     for (key, name, unit), values in zip(FIGURES, errors(of, fit).values(), strict=True):
         known = np.abs(values[np.isfinite(values)])
@@ -131,7 +132,7 @@ def averages(
 
 # %%
 def constraints(of: Isobars) -> list[Row]:
-    """Return tables 7.2 and 7.1: fourth order, linear in pressure, at all pressures and at 100 psi."""
+    """Return tables 7.2 and 7.1: order 4, linear in pressure; averaged over pressures, and at 100 psi."""
     printed_rows = {
         "none" if entry["name"] == "free" else entry["name"]: entry
         for entry in printed()["constraint_result"]
@@ -189,8 +190,8 @@ def third_order(of: Isobars) -> list[Row]:
 # %% [markdown]
 # Two of the errors in table 7.4 require no isobars: those in blocked force and free contraction, computed
 # with the printed laws. The tested values at 20 to 100 psi are printed in tables 6.11 and 6.12. Those at
-# 10 psi follow from table 7.6, from its errors in lbf and in percent. Those at the four intermediate
-# pressures are interpolated.
+# 10 psi are computed from the errors in table 7.6, which are printed in lbf and in percent. Those at the
+# four intermediate pressures are interpolated.
 
 
 # %%
@@ -205,7 +206,7 @@ class _Ends(NamedTuple):
 
 
 def _tested(between: Callable[..., Any]) -> tuple[_Ends, _Ends]:
-    """Return the tested ends and their uncertainty due to rounding."""
+    """Return the tested blocked forces and free contractions, and their uncertainty due to rounding."""
     tested, best = printed()["tested"], printed()["best_fit"]
     ends, rounding = [], []
     for known, half, error, half_error in (
@@ -230,13 +231,13 @@ def _end_errors(E: tuple[float, ...], change: Change, tested: _Ends) -> Float[np
     return np.array([np.abs(blocked).mean(), np.abs(free).mean()])
 
 
-@chapter.table("table 7.4: ends of the isobars computed with the printed laws")
+@chapter.table("table 7.4: blocked force and free contraction with the printed laws")
 def ends_of_laws() -> list[Row]:
     of, found = printed()["fixed_third_order"], []
     why = (
-        "the effects of half a digit in B0 and in the tested figures, the range of N consistent with table "
-        "5.1, 0.005 in on the profiles (RMSE of three terms in table 4.2), and another interpolation "
-        "between the tested pressures"
+        "the effects of changing B0 and the tested figures by half a unit in the last digit, N within the "
+        "range consistent with table 5.1, the profiles by 0.005 in (the RMSE of three terms in table 4.2), "
+        "and the interpolation between the tested pressures"
     )
     (tested, rounding), (other, _) = _tested(CubicSpline), _tested(PchipInterpolator)
     for law in ("experimental", "optimised"):
@@ -265,7 +266,7 @@ def totals() -> list[Row]:
 
 # %% [markdown]
 # ## Table 7.6: the work's choice, third order, linear in pressure, Drucker-stable
-# Table 7.5 should list its coefficients but repeats the rows of table 7.3.
+# Table 7.5 should list the coefficients of this law, but it repeats the rows of table 7.3.
 
 
 # %%
@@ -289,22 +290,23 @@ def best_fit(of: Isobars) -> list[Row]:
 
 
 def tables(of: Isobars) -> tuple[Table, ...]:
-    """Return the errors printed in the chapter, with those for other isobars, without tolerances.
+    """Return the tables of the errors printed in the chapter and of those for other isobars.
 
-    Each table is a separate sweep, so that the reader sees the progress.
+    There are no tolerances. Each table is computed by a separate sweep, so that the user sees the progress.
     """
     return (
         ("chapter 7, table 7.2: order 4, linear in pressure, each constraint",
          lambda: constraints(of)),
         ("chapter 7, section 7: order 4, free in pressure", lambda: hocking(of)),
-        ("chapter 7, tables 7.3 and 7.4: order 3, fixed, compared with the latex", lambda: third_order(of)),
+        ("chapter 7, tables 7.3 and 7.4: order 3, fixed; the latex law", lambda: third_order(of)),
         ("chapter 7, table 7.6: order 3, linear in pressure, Drucker", lambda: best_fit(of)),
     )  # fmt: skip
 
 
 # %% [markdown]
-# ## The same on the twin
-# The fits use the geometry measured from its photographs. The twin's true law does not depend on pressure.
+# ## The same fits to the twin
+# The fits use the geometry measured from the twin's photographs. The twin's true law does not depend on
+# pressure.
 
 # %%
 if chapter.shown:
@@ -319,12 +321,13 @@ if chapter.shown:
 
 # %% [markdown]
 # ## The open question: are pressure-independent E_n enough?
-# With constant E_n, the error of the work's fit was 19.7 lbf, and with E_n linear in pressure 4.1 lbf. The
-# work left open whether the rubber depends on pressure, or whether the shape, the deadband and the braid
-# force were inaccurate. This study fits third-order laws, constant, linear and free in pressure, in five
-# geometries, with the deadband held at zero or identified. The data are force maps of muscles with
-# pressure-independent laws, all but the first more complex than any model, and the ten readings printed in
-# the work. The criterion is the error at held-out interior pressures.
+# The error of the fit in the reference work was 19.7 lbf with constant E_n, and 4.1 lbf with E_n that
+# are linear in pressure. The work left open whether the rubber depends on pressure, or whether the
+# shape, the deadband and the braid force were inaccurate. This study fits third-order laws that are
+# constant, linear or free in pressure. It uses five geometries, with the deadband held at zero or
+# identified. The data are force maps of muscles with pressure-independent laws, and the ten readings
+# printed in the work. All of these muscles except the first are more complex than any model. The
+# criterion is the error at held-out interior pressures.
 #
 # A constant law is **enough** if its held-out error is no larger than the in-sample error of the work's
 # best fit, and if it is stable along the actuation paths without a constraint.
@@ -338,7 +341,7 @@ def work_error() -> float:
 
 
 Case = dict[str, Trial]
-"""Trials of one model for one muscle, by form."""
+"""Trials of one model for one muscle, keyed by form."""
 
 
 def cases(found: Sequence[Trial]) -> dict[tuple[str, str, bool], Case]:
@@ -375,7 +378,7 @@ def _percent(share: float) -> str:
 
 
 def answer(found: Sequence[Trial]) -> tuple[str, str]:
-    """Summarise the results in words: for muscles with known truth, and for the work's own muscle."""
+    """Summarise the results in words, for muscles with a known truth and for the work's own muscle."""
     gathered = cases(found)
     *known, own = dict.fromkeys(one.truth for one in found)
     right = [
@@ -388,13 +391,13 @@ def answer(found: Sequence[Trial]) -> tuple[str, str]:
     dependent = 100 * max(
         min(case[form].left_out for form in FORMS if form != "constant") for case in right
     )
-    verdict = "suffice" if count == len(known) else "do not suffice in every one"
+    verdict = "suffice" if count == len(known) else "do not suffice for every muscle"
     first = (
-        f"With the measured shape, an identified deadband and the better of Gaylord's force and virtual "
-        f"work, constant E_n {verdict}: they are enough for {count} of {len(known)} muscles with known "
-        f"truth. Held-out errors are at most {worst:.2g} % of the largest force (E_n that depend on "
-        f"pressure: {dependent:.2g} %). In the inelastic cylinder without a deadband they are enough for "
-        f"{plain}, with errors of at most {worst_plain:.2g} %."
+        "With the measured shape, an identified deadband and the better of Gaylord's force and "
+        f"virtual work, constant E_n {verdict}: they are enough for {count} of {len(known)} muscles "
+        f"with known truth. Held-out errors are at most {worst:.2g} % of the largest force, or "
+        f"{dependent:.2g} % if E_n depend on pressure. In the inelastic cylinder without a deadband, "
+        f"constant E_n are enough for {plain} muscles, with errors of at most {worst_plain:.2g} %."
     )
     theirs = {key: case for key, case in gathered.items() if key[0] == own}
     best = min(theirs.items(), key=lambda one: _constant_error(one[1]))
@@ -402,12 +405,13 @@ def answer(found: Sequence[Trial]) -> tuple[str, str]:
     linear = 100 * min(_known(case["linear"].left_out) for case in theirs.values())
     passed = sum(map(enough, theirs.values()))
     second = (
-        f"For the work's own muscle, judged by ten printed readings, they "
+        "For the work's own muscle, judged by ten printed readings, they "
         f"{'suffice' if passed else 'do not'}: the best constant law ({best[0][1]}, deadband "
-        f"{'identified' if best[0][2] else 'zero'}) has an error of {100 * _constant_error(best[1]):.2g} % "
-        f"and is {'stable' if best[1]['constant'].modulus >= 0 else 'not stable'}. The best stable law has "
-        f"{100 * min(map(_constant_error, stable), default=math.nan):.2g} %, E_n linear in pressure "
-        f"{linear:.2g} %, and the work's best fit {100 * work_error():.2g} %."
+        f"{'identified' if best[0][2] else 'zero'}) has an error of "
+        f"{100 * _constant_error(best[1]):.2g} % and is "
+        f"{'stable' if best[1]['constant'].modulus >= 0 else 'not stable'}. The best stable law has "
+        f"an error of {100 * min(map(_constant_error, stable), default=math.nan):.2g} %, the best law "
+        f"linear in pressure {linear:.2g} %, and the best fit in the work {100 * work_error():.2g} %."
     )
     return first, second
 

@@ -1,9 +1,9 @@
 """Beyond the work: the equilibrium shape computed from the printed specimen, compared with measurements.
 
-The work calls for a braid term with the real geometry. Here the profile minimises the energy. Force,
-diameter and free contraction are computed from the profile, with nothing fitted to the muscle. The latex
-is that of the work's tensile test. It is described by two separate uniaxial laws, as in the work, or by
-one isotropic incompressible law fitted to the same curve.
+The work calls for a braid term that uses the real geometry. Here the profile is the one that minimises the
+energy. Force, diameter and free contraction are computed from the profile; nothing is fitted to the muscle.
+The latex is the one in the work's tensile test. It is described by two separate uniaxial laws, as in the
+work, or by one isotropic incompressible law fitted to the same curve.
 
     python examples/chambers2021/equilibrium_shape.py [--json] [--fit]
 """
@@ -27,7 +27,7 @@ from famjax.materials import AbstractHyperelastic, AbstractMaterial
 
 STATIONS = np.linspace(0, 1, 201)
 TOLERANCES = np.array([1 / 32, 0.005, 0.04])
-"""Tolerances of the printed values used in the fit: thread length [in], turns and end diameter [in]."""
+"""Tolerances on the printed values used in the fit: thread length [in], turns and end diameter [in]."""
 
 
 class Latex(AbstractHyperelastic):
@@ -69,7 +69,7 @@ LAWS = {"uniaxial": lambda: PolynomialMaterial(printed()["latex"]["E_psi"]), "is
 
 @functools.cache
 def muscle(law: str) -> EquilibriumMuscle:
-    """Return the specimen as printed, in inches and psi."""
+    """Return a model of the specimen with the printed dimensions, in inches and psi."""
     return made(*nominal(), LAWS[law]())
 
 
@@ -224,13 +224,13 @@ def main(arguments: list[str]) -> None:
                 f"{row['published_free_contraction']:10.3f} {row['blocked_force_lbf']:14.1f} "
                 f"{row['published_blocked_force_lbf']:10.0f}"
             )
-    print("contraction   thread along the measured profile [in]: pinned, geodesic")
+    print("contraction   thread length on the measured profile [in]: pinned, geodesic")
     for row in thread_lengths():
         print(
             f"{row['contraction']:11.4f} {row['pinned_thread_in']:37.3f} {row['geodesic_thread_in']:9.3f}"
         )
     if "--fit" in arguments:
-        print(f"one law for all pressures: {found[-1]['rmse_lbf']:.1f} lbf RMSE")
+        print(f"one law for all pressures: RMSE {found[-1]['rmse_lbf']:.1f} lbf")
 
 
 if __name__ == "__main__":

@@ -20,10 +20,10 @@ PRINTED_FREE = 0.353
 """Contraction used in tables 6.1 and 6.2."""
 
 GRID = 101
-"""Points from rest to a free contraction, used for extremes and means."""
+"""Number of points from rest to a free contraction, used for extremes and means."""
 
 OWN, TESTED = slice(0, GRID), slice(GRID, 2 * GRID)
-"""Columns of `Terms` from rest to the geometry's own, and to the tested, free contraction."""
+"""Columns of `Terms` from rest to the geometry's own free contraction, and from rest to the tested one."""
 
 PRINTED, LAST = 2 * GRID, 2 * GRID + 1
 """Columns of `Terms` at `PRINTED_FREE` and at the last measured profile."""
@@ -33,13 +33,13 @@ ORDERS = 4
 
 @dataclasses.dataclass(frozen=True)
 class Terms:
-    """All terms of the balance, by pressure (rows) and contraction (columns); psi, in, lbf."""
+    """All terms in the force balance, by pressure (rows) and contraction (columns), in psi, in and lbf."""
 
     contraction: Float[np.ndarray, "pressures columns"]
     values: dict[str, Float[np.ndarray, "pressures columns"]]
 
     def at(self, quantity: str, row: int, state: str) -> float:
-        """Return the quantity at one pressure and state; for an extreme in magnitude, with its sign."""
+        """Return a quantity at one pressure and state; extremes are in magnitude, but keep their sign."""
         values = self.values[quantity][row]
         size = np.abs(values[OWN])
         column = {
@@ -60,13 +60,13 @@ _POINTS = 1024
 """States per call of the compiled balance."""
 
 _KNOWN = 0.367
-"""Largest contraction with a known shape: 0.35, plus a twentieth of that by extrapolation."""
+"""Largest contraction with a known shape: 0.35, plus an extrapolation by a twentieth of that."""
 
 
 def balance(
     muscle: Muscle, contraction: ArrayLike, pressure: ArrayLike
 ) -> dict[str, Float[np.ndarray, "..."]]:
-    """Compute the terms of the force balance, with strains and their moments, broadcast shape.
+    """Compute the terms in the force balance and the mean powers of the strains, with broadcast shape.
 
     Each geometry needs only one compiled program, whatever the number of states.
 
@@ -76,7 +76,7 @@ def balance(
         pressure: gauge pressure [psi].
 
     Returns:
-        Quantities in in, deg, psi and lbf.
+        Quantities by name, in inches, degrees, psi and lbf.
     """
     c, P = np.broadcast_arrays(np.asarray(contraction, float), np.asarray(pressure, float))
     calls = -(-c.size // _POINTS)
@@ -134,7 +134,7 @@ def free_contraction(muscle: Muscle, pressure: ArrayLike) -> Float[np.ndarray, "
 
     The range up to `_KNOWN` is subdivided. Then the first part in which the force falls through zero is
     subdivided repeatedly, until its ends are adjacent floating-point numbers. `Muscle.free_contraction`
-    gives the same result; this function needs no compiled program other than that of the balance.
+    returns the same result; this function needs no compiled program other than that of the balance.
 
     Raises:
         RuntimeError: the force does not fall through zero at some pressure.
@@ -148,7 +148,7 @@ def free_contraction(muscle: Muscle, pressure: ArrayLike) -> Float[np.ndarray, "
         falls = (force[:, :-1] > 0) & (force[:, 1:] <= 0)
         if not falls.any(axis=1).all():
             raise RuntimeError(
-                "the force must fall through zero at every pressure, but does not at some"
+                "the force must fall through zero at every pressure, but at some it does not"
             )
         cell = falls.argmax(axis=1)[:, None]
         first, last = (np.take_along_axis(c, at, axis=1) for at in (cell, cell + 1))
@@ -180,7 +180,7 @@ def terms(change: Change = NONE, further: float = 0.0) -> dict[str, Terms]:
 
 
 def open_changes() -> tuple[Change, ...]:
-    """Return the uncertainties of the print: half a digit in B0, N from table 5.1, RMSE of three terms."""
+    """Return the changes within the uncertainty of the printed B0, N and profiles; see `WHY`."""
     rmse = dict(
         zip(*(printed()["fourier_terms"][key] for key in ("terms", "rmse_in")), strict=True)
     )
@@ -188,8 +188,9 @@ def open_changes() -> tuple[Change, ...]:
 
 
 WHY = (
-    "the effects of 0.001 in free contraction (printed as 35.3 % and as 0.354), half a digit in B0, the "
-    "range of N consistent with table 5.1, and 0.005 in on the profiles (RMSE of three terms in table 4.2)"
+    "the effects of changing the free contraction by 0.001 (it is printed as 35.3 % and as 0.354), B0 "
+    "by half a unit in the last digit, N within the range consistent with table 5.1, and the profiles "
+    "by 0.005 in (the RMSE of three terms in table 4.2)"
 )
 
 

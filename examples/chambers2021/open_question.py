@@ -1,4 +1,4 @@
-"""Do pressure-independent E_n suffice? Each geometry is fitted to muscles with known or printed truth."""
+"""Test whether pressure-independent E_n suffice: fit each geometry to muscles with a known truth."""
 
 import dataclasses
 from collections.abc import Iterator, Mapping
@@ -47,7 +47,7 @@ Model = tuple[AbstractGeometry, PressurisedBraid | VirtualWork]
 
 @dataclasses.dataclass(frozen=True)
 class Truth:
-    """A muscle to fit: name, force map and models, in SI."""
+    """A muscle to fit: name, force map and models, in SI units."""
 
     name: str
     data: fitting.ForceData
@@ -75,7 +75,7 @@ class Trial:
 
 
 def truths(twin: Twin) -> Iterator[Truth]:
-    """Yield the twin as measured, three more complex muscles on the simulated rig, and the work's own.
+    """Yield the twin as measured, three more complex muscles on the simulated rig, and the work's muscle.
 
     The complex muscles have the work's braid, with elastic threads. Their models use the true shape, as
     photographs would show it; the cylinders use the printed braid.
@@ -89,13 +89,13 @@ def truths(twin: Twin) -> Iterator[Truth]:
         ("elastic braid", printed_shapes, cubic, PressurisedBraid(0.0), 0.01),
         ("elastic braid, deadband, friction, other rubber", printed_shapes, RUBBER,
          PressurisedBraid(8e3), 0.03),
-        ("the same with elliptic ends, pulled by virtual work", with_ends(), RUBBER,
+        ("the same with elliptic ends and virtual work", with_ends(), RUBBER,
          VirtualWork(8e3, at_thread_length=True), 0.03),
     ):  # fmt: skip
         muscle = famjax.Muscle(shapes["measured"], BladderWall(law) + pull)
         folder = twin.folder / "richer" / name.replace(", ", "-").replace(" ", "-")
         yield Truth(name, simulated(muscle, friction, folder), models(shapes))
-    yield Truth("the work's own, as printed", ends_of_isobars(), models(printed_shapes))
+    yield Truth("the work's own muscle, as printed", ends_of_isobars(), models(printed_shapes))
 
 
 def models(shapes: Mapping[str, AbstractGeometry]) -> dict[str, Model]:
@@ -166,7 +166,7 @@ def ends_of_isobars() -> fitting.ForceData:
 
 
 def trials(truth: Truth) -> Iterator[Trial]:
-    """Run every model of a muscle with every form, with the deadband held and identified."""
+    """Fit every model of a muscle in every form, with the deadband held at zero and identified."""
     for name, model in truth.models.items():
         system = System.of(truth.data, model)
         for deadband in (False, True):
@@ -185,8 +185,8 @@ class System:
     """The force of a model at the readings, F = force + columns (E_1, E_2, E_3, P_d).
 
     The force is linear in the E_n and, for both pressure terms, also in the deadband. A fit is therefore
-    a linear least-squares problem, and leaving out a pressure adds little work. `fitting.identify` gives
-    the same result with a certificate, and can also enforce stability and identify the geometry.
+    a linear least-squares problem, and leaving out a pressure adds little work. `fitting.identify`
+    returns the same result with a certificate, and can also enforce stability and identify the geometry.
     """
 
     data: fitting.ForceData
@@ -224,7 +224,7 @@ class System:
     def _matrix(
         self, form: str, levels: Float[np.ndarray, " p"]
     ) -> Float[np.ndarray, "n unknowns"]:
-        """Return the columns for the E_n at the nodes of the form, and for the deadband."""
+        """Return the columns for the E_n at the pressure nodes of the form, and for the deadband."""
         P = self.data.pressure
         nodes = {"constant": levels[:1], "linear": levels[[0, -1]], "free": levels}[form]
         if nodes.size == 1:
@@ -270,7 +270,7 @@ def _linear(
     length: Float[Array | np.ndarray, " n"],
     pressure: Float[Array | np.ndarray, " n"],
 ) -> tuple[Float[Array, " n"], Float[Array, "unknowns n"]]:
-    """Return the force [N] without law and deadband, and its derivatives [N/Pa] by the unknowns."""
+    """Return the force [N] without law and deadband, and its derivatives [N/Pa] in the unknowns."""
 
     def force(unknowns: Float[Array, " unknowns"]) -> Float[Array, " n"]:
         law = famjax.PolynomialMaterial(unknowns[:ORDER])

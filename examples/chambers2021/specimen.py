@@ -1,6 +1,6 @@
-"""The dissertation's 7/8 in muscle as models: braid, bladder, shape and latex.
+"""Models of the dissertation's 7/8 in muscle: braid, bladder, shape and latex.
 
-Values are in inches and psi, as printed, or in other units given by `inch` and `psi`.
+Values are in inches and psi, as printed. The arguments `inch` and `psi` convert them to other units.
 """
 
 import functools
@@ -22,7 +22,7 @@ from famjax.profiles import FourierProfile
 from famjax.surfaces import MeasuredFamily
 
 PRESSURES = (20.0, 40.0, 60.0, 80.0, 100.0)
-"""Gauge pressures [psi] of the printed force tables."""
+"""Gauge pressures [psi] in the printed force tables."""
 
 ENDS = (10.0, 100.0)
 """Lowest and highest tested gauge pressures [psi], the nodes of a law that is linear in pressure."""
@@ -39,7 +39,7 @@ def bladder(inch: float = 1.0) -> Bladder:
 
 
 class Change(NamedTuple):
-    """Changes to the specimen within the uncertainty of the print, in inches and turns.
+    """Changes to the specimen within the uncertainty of the printed values, in inches and turns.
 
     Attributes:
         thread_length: change in B0.
@@ -78,21 +78,21 @@ def elastic_braid(
 
 
 def transcribed_profile(row: dict[str, Any]) -> FourierProfile:
-    """Return one row of table 4.3 with the transcription's corrections of misprints, not symmetrised."""
+    """Return one row of table 4.3 with its misprints corrected, but not made symmetric."""
     return FourierProfile(row["a"][0], row["a"][1:], row["b"], row["w_corrected"])
 
 
 def profile(row: dict[str, Any]) -> FourierProfile:
-    """Return one row of table 4.3 as used: symmetric about its middle.
+    """Return one row of table 4.3 as it is used: symmetric about the middle of the profile.
 
     The printed a_n and b_n determine w. The odd part of the profile about x = 1/2,
 
     o_n = b_n cos(n w / 2) - a_n sin(n w / 2),
 
     is minimised in the least-squares sense, and the remainder is removed. In every row the remainder is
-    within the rounding of the print, 0.005 in a coefficient and 0.05 in b_3 = -0.5 at 35 %. That row
-    requires w to four decimals, 2.1776: with the transcribed 2.176, the error in a_1 would be seven times
-    its rounding.
+    within the rounding of the printed values: 0.005 in each coefficient, and 0.05 in b_3 = -0.5 at 35 %.
+    That row requires w to four decimals, 2.1776. With the transcribed 2.176, the error in a_1 would be
+    seven times its rounding.
     """
     a, b = np.array(row["a"][1:]), np.array(row["b"])
     n, w = np.arange(1, a.size + 1), row["w_corrected"]
@@ -105,7 +105,7 @@ def profile(row: dict[str, Any]) -> FourierProfile:
 
 
 def measured_family(inch: float = 1.0, psi: float = 1.0, change: Change = NONE) -> MeasuredFamily:
-    """Return table 4.3, corrected and symmetrised, scaled in pressure by the elastic braid."""
+    """Return the profiles in table 4.3, corrected, symmetric, and scaled with pressure by the braid."""
     rest = printed()["specimen"]["active_length_in"] * inch
     rows = printed()["profile_100psi"]
     return MeasuredFamily(
@@ -149,20 +149,20 @@ def elliptic_ends(
 def latex() -> PressurePolynomialMaterial:
     """Return the latex law from chapter 6 in psi, the same at all pressures.
 
-    It is expressed as a law that is linear in pressure, so that both kinds share compiled programs.
+    It is expressed as a law that is linear in pressure, so that it shares compiled programs with such laws.
     """
     E = printed()["latex"]["E_psi"]
     return PressurePolynomialMaterial(jnp.array(ENDS), jnp.array([E, E]))
 
 
 GEOMETRIES = ("estimated inelastic", "estimated elastic", "measured average diameter", "measured")
-"""Names of the four geometries, in the order of the design."""
+"""Names of the four geometries, in the order of `four_geometries`."""
 
 
 def four_geometries(
     inch: float = 1.0, psi: float = 1.0, change: Change = NONE
 ) -> tuple[AbstractGeometry, ...]:
-    """Build the geometries of the specimen, in the order of their names."""
+    """Build the four geometries of the specimen, in the order of `GEOMETRIES`."""
     family, tube = measured_family(inch, psi, change), bladder(inch)
     return (
         EstimatedGeometry(inelastic_braid(inch, change), tube),
@@ -191,7 +191,7 @@ def geometries() -> dict[str, AbstractGeometry]:
 
 
 def open_turns() -> float:
-    """Return the uncertainty of N = 1.09 from table 5.1 and its rounding, where pi N D = B cos(theta)."""
+    """Return the uncertainty of N = 1.09, from pi N D = B cos(theta) and the rounding in table 5.1."""
     table, used = printed()["elastic_braid"], printed()["specimen"]["turns_N"]
     D, B, theta = np.array(table["D_in"]), np.array(table["B_in"]), np.deg2rad(table["theta_deg"])
     N = B * np.cos(theta) / (np.pi * D)

@@ -2,7 +2,7 @@
 
 The work's own records and photographs are not published. `tests/rendering` in the clone simulates a
 similar muscle, tests it on the simulated rig and photographs it with the simulated camera, including
-noise, clock errors and faults. Measurements are kept in the folder, so the next chapter can reuse them.
+noise, clock errors and faults. Measurements are kept in the folder, so that other chapters can reuse them.
 """
 
 import argparse
@@ -34,7 +34,7 @@ DISTANCE, PITCH, PLACEMENT = 60 * units.INCH, units.INCH / 8, 0.01 * units.INCH
 
 @dataclasses.dataclass(frozen=True)
 class Twin:
-    """A twin in its folder, and its measurements in SI.
+    """The twin of a muscle in its folder, and measurements of it in SI units.
 
     Attributes:
         folder: folder that contains the journal, log, photographs, ruler, sheet and truth.
@@ -56,12 +56,12 @@ class Twin:
 
     @functools.cached_property
     def sheet(self) -> Sheet:
-        """Known data of the muscle, from its sheet."""
+        """Known data of the muscle, from its `characterisation.toml`."""
         return read_sheet(self.folder)
 
     @functools.cached_property
     def truth(self) -> "folder_truth.Truth":
-        """True parameters of the twin, used to judge results and as the counted turns of the braid."""
+        """True parameters of the twin, used to judge the results; they also supply the braid's turns."""
         drawn = folder_truth.drawn_truth(0, "small", flawed=True)  # replaced entirely by the file
         return folder_truth.read_truth(self.folder / folder_truth.TRUTH, drawn)
 
@@ -73,7 +73,7 @@ class Twin:
 
     @property
     def muscle(self) -> "folder_truth.TwinMuscle":
-        """True muscle."""
+        """True muscle, of which the records were made."""
         return self.truth.muscle
 
     @functools.cached_property
@@ -87,7 +87,7 @@ class Twin:
 
     @functools.cached_property
     def data(self) -> fitting.ForceData:
-        """Force map: mean of both branches at each pressure."""
+        """Force map, which is the mean of both branches at each pressure."""
         path = self.folder / "dataset.csv"
         entries = {k: v for k, v in self.sheet.entries.items() if not k.startswith("rest_length_")}
         write_dataset(self.test.characterisation, path, specimen=entries)
@@ -116,7 +116,7 @@ class Twin:
         return fitting.shape_surface(self.folder / "pictures" / "measurements.nc")
 
     def geometries(self) -> dict[str, AbstractGeometry]:
-        """The work's four geometries, with its thread length and the counted turns of the twin."""
+        """Return the work's four geometries, with its thread length and the counted turns of the twin."""
         known, turns = self.sheet.specimen, self.muscle.turns
         given = inelastic_braid(units.INCH), elastic_braid(inch=units.INCH, psi=units.PSI)
         rigid, stretching = (dataclasses.replace(one, turns=turns) for one in given)

@@ -1,4 +1,4 @@
-"""The command line, and code that combines the packages: tests, photographs and fits of one muscle.
+"""The command line, and code that combines the test data, photographs and fits for one muscle.
 
 This is the only package that imports all the others.
 """

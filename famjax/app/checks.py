@@ -1,4 +1,4 @@
-"""Cross-checks that compare two sources of one quantity, for records and specimen."""
+"""Cross-checks between two sources of one quantity, such as the journal and the machine log."""
 
 import dataclasses
 import json
@@ -17,26 +17,26 @@ from .folder import ASSUMED, Sheet
 from .isobaric import Analysis
 
 CHECKS = "checks.json"
-"""File with the checks of a step, in that step's folder."""
+"""Name of the file with the results of a step's checks, in that step's folder."""
 
 AGREES, DOUBTFUL, CONTRADICTS, NOT_KNOWN = "agrees", "doubtful", "contradicts", "not known"
 
 DOUBT, REFUSAL = 2.0, 5.0
-"""Numbers of standard errors beyond which a value is doubtful, and beyond which the run stops."""
+"""Number of standard errors beyond which a value is doubtful, and number beyond which the run stops."""
 
 _RATE = 0.02  # relative error of the speed that a machine is set to
 
 
 @dataclasses.dataclass(frozen=True)
 class Check:
-    """A comparison, in words.
+    """The result of a comparison, as text.
 
     Attributes:
-        what: compared quantity.
+        what: quantity that is compared.
         range: expected range with its unit.
         value: value found with its unit, or "not known".
         verdict: agrees, doubtful, contradicts or not known.
-        say: what a disagreement means, and what to do.
+        say: explanation of a disagreement, and what to do about it.
     """
 
     what: str
@@ -77,10 +77,10 @@ class Check:
 
 
 def settle(checks: Sequence[Check], place: Path) -> None:
-    """Write the checks of a step to its folder, and stop on a contradiction.
+    """Write the checks of a step to its folder, and raise an error if two sources contradict each other.
 
     Raises:
-        InputError: the message names the contradiction and the remedy.
+        InputError: there is a contradiction; the message describes it and how to resolve it.
     """
     text = json.dumps([dataclasses.asdict(one) for one in checks], indent=1)
     (place / CHECKS).write_text(text + "\n", encoding="utf-8")
@@ -88,12 +88,13 @@ def settle(checks: Sequence[Check], place: Path) -> None:
     if wrong:
         raise InputError(
             f"files in the folder contradict each other. {' '.join(wrong)} All checks are in "
-            f"{place / CHECKS}. If an error is known to be larger, state it in [errors] in the sheet"
+            f"{place / CHECKS}. If you know that a measurement is less accurate, enter its standard error "
+            "under [errors] in the sheet"
         )
 
 
 def read_checks(*places: Path) -> list[Check]:
-    """Read the checks of the given steps; empty if there are none."""
+    """Read the checks from the folders of the given steps; return [] if there are none."""
     paths = [place / CHECKS for place in places if (place / CHECKS).exists()]
     return [Check(**row) for path in paths for row in json.loads(path.read_text(encoding="utf-8"))]
 
@@ -102,9 +103,9 @@ def record_checks(sheet: Sheet, journal: Record, found: Analysis) -> list[Check]
     """Check the journal, the machine log and the specimen against each other.
 
     Args:
-        sheet: sheet of the folder.
+        sheet: sheet in the folder.
         journal: journal of the test.
-        found: analysis of journal and log.
+        found: analysis of the journal and the log.
     """
     std = max(sheet.errors.force_reading, ASSUMED.force_reading)
     plan = _plan(journal, found, sheet.records.skip_cycles)
@@ -112,26 +113,26 @@ def record_checks(sheet: Sheet, journal: Record, found: Analysis) -> list[Check]
 
 
 def _loads(found: Analysis, std: float) -> list[Check]:
-    """Compare the two load cells: gain may reveal a wrong unit, and scatter a log from another test."""
+    """Compare the load cells. The gain may reveal a wrong unit, and the scatter a log from another test."""
     gain, scatter = found.loads
     return [
         Check.about(
             "ratio of journal load to machine load", gain, 1.0, math.hypot(std, std),
-            say=f"They differ by a factor of {gain:.4g}. A factor of 4.448 means that lbf and N were "
+            say=f"The loads differ by a factor of {gain:.4g}. A factor of 4.448 means that lbf and N were "
             "confused; 9.807, kgf and N; 1000, kN and N. The analysis uses the machine's force: check its "
-            "unit and both calibrations, and that journal and log are from one test.",
+            "unit and both calibrations, and check that the journal and the log are from the same test.",
         ),
         Check.of(
             "residual scatter between the two loads, relative to their range", scatter,
             (0.0, std / 2), (0.0, 1.5 * std),
-            say="Journal and log may be from different tests, or the log's force column may contain "
-            "another load: use the log recorded with this journal.",
+            say="The journal and the log may be from different tests, or the force column in the log may "
+            "contain a different load: use the log that was recorded with this journal.",
         ),
     ]  # fmt: skip
 
 
 def _angle(found: Analysis, specimen: Specimen) -> list[Check]:
-    """Check that the force rises with pressure as it does for a braid."""
+    """Check that the force rises with pressure as it should for a braid."""
     bars = found.characterisation.isobars
     pressure, force = np.array([(bar.pressure, bar.force[0]) for bar in bars]).T
     diameter = specimen.bladder_diameter or specimen.nominal_diameter
@@ -142,17 +143,17 @@ def _angle(found: Analysis, specimen: Specimen) -> list[Check]:
     angle = math.degrees(math.atan(math.sqrt(max((slope / area + 1) / 2, 0.0))))
     return [
         Check.of(
-            "braid angle from the rise of force with pressure, P pi R^2 (2 tan^2 - 1)", angle,
+            "braid angle calculated from the rise of force with pressure, P pi R^2 (2 tan^2 - 1)", angle,
             (50.0, 80.0), (35.3, 88.0), "deg",
-            say="Pressure, force and bladder diameter are inconsistent: check their units, the sign of the "
-            "force, the pressure calibration, bladder_diameter, and that journal and log are from one "
-            "test.",
+            say="The pressure, force and bladder diameter are inconsistent: check their units, the sign of "
+            "the force, the pressure calibration and bladder_diameter, and check that the journal and the "
+            "log are from the same test.",
         ),
     ]  # fmt: skip
 
 
 def _plan(journal: Record, found: Analysis, skipped: int) -> list[Check]:
-    """Compare speed and number of strokes with the plan in the journal."""
+    """Compare the speed and the number of strokes with the plan in the journal."""
     blocks, rates = defaultdict[int, int](int), []
     for note in journal.notes_of("strokes"):
         blocks[int(note["block"])] += int(note["cycles"])
@@ -175,7 +176,7 @@ def _plan(journal: Record, found: Analysis, skipped: int) -> list[Check]:
         ),
         Check.of(
             "complete strokes in journal and log", complete, (planned, math.inf),
-            say="Strokes are missing, so some pressures have fewer strokes or none. "
-            + (" ".join(curves.notes[:4]) or "Export the whole log if it was cut short."),
+            say="Strokes are missing, so some pressures have fewer strokes than planned, or none. "
+            + (" ".join(curves.notes[:4]) or "If the log was cut short, export the whole log."),
         ),
     ]  # fmt: skip

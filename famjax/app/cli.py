@@ -1,4 +1,4 @@
-"""The `famjax` command line: lists every command and imports only the one that runs."""
+"""Define the `famjax` command line, which lists every command but imports only the one that is run."""
 
 import gc
 import importlib.util
@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 # On few cores, batched LAPACK calls from two threads can hang jaxlib. Set this before JAX starts.
 os.environ.setdefault("PJRT_NPROC", "16")
 
-_RIG_HELP = "Control a muscle's pressure, record a test, or simulate either; see rig/firmware."
+_RIG_HELP = (
+    "Control a muscle's pressure and record tests on a real or simulated rig; see rig/firmware."
+)
 _HELP = "Identify stable models of fluidic artificial muscles from force measurements."
 
 _FITTING, _HERE = "fitting.cli", "famjax.app"
@@ -31,7 +33,7 @@ COMMANDS = (
     f"{_HERE}.doctor:reproduce", f"{_FITTING}.several:series", f"{_HERE}.shape:shape",
     f"{_HERE}.dynamics:simulate", f"{_FITTING}.several:sweep",
 )  # fmt: skip
-"""Location of each command, `module:function`."""
+"""Where each command is defined, as `module:function`."""
 RIG_COMMANDS = (
     *(f"{_HERE}.commands:rig_{name}" for name in ("convert", "simulate")),
     *(f"{_HERE}.tuning:rig_{name}" for name in ("step", "tune")),
@@ -39,9 +41,9 @@ RIG_COMMANDS = (
 """Commands under `famjax rig` that import other packages; `rig.cli` defines the rest."""
 
 STANDARD_INPUT = "<stdin>"
-"""Replaces `-` in the arguments and means standard input."""
+"""Placeholder that replaces the argument `-` and means standard input."""
 STOPPED, NO_READER = 130, 141
-"""Exit codes after Ctrl-C and after the output pipe was closed (as for SIGPIPE)."""
+"""Exit codes after Ctrl-C, and after the reader closes the output pipe (as for SIGPIPE)."""
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -71,10 +73,10 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def clashes() -> list[str]:
-    """Return one sentence for each sibling package shadowed by other code; imports none of them.
+    """Return one sentence for each sibling package that other code shadows, without importing any.
 
-    Other distributions use two of these names, and a script's folder may contain a `fitting.py`. Each
-    famjax package contains `__famjax__`.
+    Other distributions use two of these package names, and a user's folder may contain a `fitting.py`.
+    Every package that belongs to famjax contains the name `__famjax__`.
     """
     found = []
     for name in ("fitting", "imaging", "rig"):
@@ -90,7 +92,7 @@ def clashes() -> list[str]:
         )
         if "__famjax__" not in text:
             found.append(
-                f"{name!r} resolved to {where}, which is not famjax's own {name!r} package: rename "
+                f"Python finds {name!r} at {where}, which is not famjax's own {name!r} package: rename "
                 "that file or folder, or uninstall the other distribution and reinstall famjax."
             )
     return found
@@ -102,7 +104,7 @@ def _run(arguments: list[str]) -> int:
         from cyclopts import CycloptsError, UnusedCliTokensError
     except ImportError as missing:
         sys.exit(
-            f"the famjax command needs the extra 'app' ({missing}); install it with\n"
+            f"the famjax command requires the extra 'app' ({missing}); install it with\n"
             '    python -m pip install "famjax[app]"'
         )
     from famjax.boundary.errors import InputError
@@ -121,7 +123,7 @@ def _run(arguments: list[str]) -> int:
         what = str(error)
         if isinstance(error, UnusedCliTokensError):
             unused = " ".join(error.unused_tokens or ())
-            what = f"unexpected argument {unused}: to give several values, repeat the option"
+            what = f"unexpected argument {unused}: to pass several values, repeat the option"
         print(f"famjax: {what}\nTry '{ask}'.", file=sys.stderr)
         return 2
     except InputError as error:
@@ -134,10 +136,10 @@ def _run(arguments: list[str]) -> int:
 
 
 def command_line(arguments: Sequence[str]) -> "App":
-    """Build the command line for these arguments.
+    """Build the command line for the given arguments.
 
-    Only the requested command is imported, because its docstring is its help. The others are listed
-    with their first sentence.
+    Only the requested command is imported, because its help text is its docstring. The other commands
+    are listed with the first paragraph of their docstrings.
     """
     from cyclopts import App, Parameter
 
@@ -163,7 +165,7 @@ def command_line(arguments: Sequence[str]) -> "App":
 
 
 def _as_typed(default: object) -> str | None:
-    """Format a default as typed on the command line; None if it is not worth showing."""
+    """Format a default as it is typed on the command line; return None if it need not be shown."""
     if default is None or default is False or default == ():
         return None
     return ", ".join(map(str, default)) if isinstance(default, tuple) else str(default)
@@ -197,10 +199,10 @@ def _as_note(message: Warning | str, category: type[Warning], *_: Any) -> None:
 
 
 def end_at_interrupts(arguments: Sequence[str]) -> None:
-    """Exit at once when a command is interrupted.
+    """Make the process exit immediately when a command is interrupted.
 
-    An interrupt raised as an exception would be lost in a JAX callback, and would abort the process
-    while a compiled module is being imported.
+    If the interrupt were raised as an exception, a JAX callback would lose it, and it would crash the
+    process during the import of a compiled module.
     """
     # `measure` and `rig` handle interrupts themselves: they finish a picture or vent the rig.
     ignored = signal.getsignal(signal.SIGINT) is signal.SIG_IGN

@@ -1,4 +1,4 @@
-"""Commands that combine packages: photographs with a log, rig tests, a characterisation folder."""
+"""Commands that use several packages: `measure` with a log, rig tests and characterisation folders."""
 
 import dataclasses
 import functools
@@ -45,15 +45,15 @@ def measure(*photos: str, **options: Any) -> int:
 
 
 def new(folder: Path) -> int:
-    """Create a characterisation folder with a commented sheet to fill in.
+    """Create a characterisation folder with a commented sheet for you to fill in.
 
-    Fill in `characterisation.toml`, copy the journal, log, pictures and ruler photograph into the
-    folder, and run `famjax characterise FOLDER`.
+    Fill in the sheet `characterisation.toml`, copy the journal, machine log, pictures and ruler
+    photograph into the folder, and run `famjax characterise FOLDER`.
 
     Parameters
     ----------
     folder
-        Folder to create. If it exists, it must not contain a sheet.
+        Folder to create. An existing folder must not contain a sheet.
     """
     from .folder import SHEET
 
@@ -63,7 +63,9 @@ def new(folder: Path) -> int:
         raise InputError(f"{path} already exists: edit it, or choose another folder")
     folder.mkdir(parents=True, exist_ok=True)
     shutil.copyfile(Path(__file__).parent / "templates" / SHEET, path)
-    print(f"written: {path}; fill it in, add the files, and run: famjax characterise {folder}")
+    print(
+        f"written: {path}; fill it in, add your data files, and run: famjax characterise {folder}"
+    )
     return 0
 
 
@@ -73,15 +75,17 @@ def characterise(
     jobs: Jobs = None,
     units: Units | None = None,
 ) -> int:
-    """Evaluate a characterisation folder: force, pictures, shape, fits with up to five geometries, report.
+    """Evaluate a characterisation folder: process forces and pictures, fit geometries, write a report.
 
-    The sheet `characterisation.toml` describes the folder; `famjax new` writes one. Steps already
-    done are skipped if their files and options have not changed, so an interrupted run resumes.
+    The sheet `characterisation.toml` describes the files in the folder; `famjax new` creates one. A
+    completed step is skipped unless its files or options have changed, so you can resume an interrupted
+    run. Up to five geometries are fitted.
 
-    Writes one folder per step to `FOLDER/results`, and `report/report.html` with its figures as SVG in
-    `report/figures` and its numbers as CSV in `report/tables`. Cross-checks compare quantities measured
-    by two sources, such as the length in the pictures and the machine's displacement. A contradiction
-    stops the run. Doubtful or missing values and unmeasured pictures are printed and listed in the report.
+    Each step has its own folder in `FOLDER/results`. The report is `report/report.html`, with its figures
+    as SVG in `report/figures` and its numbers as CSV in `report/tables`. Cross-checks compare two
+    measurements of the same quantity, such as the length in the pictures and the displacement of the
+    testing machine. The run stops if two measurements contradict each other. Doubtful values, missing
+    values and pictures that could not be measured are printed and listed in the report.
 
     Parameters
     ----------
@@ -90,8 +94,8 @@ def characterise(
     jobs
         Set the number of processes that measure pictures; default: one per core.
     units
-        Choose the units for tables and figures: si, metric or us; default: [units] in the sheet, or
-        metric.
+        Choose the units for tables and figures: si, metric or us; default: the system set in [units] in
+        the sheet, or metric.
     """
     start_jax()
 
@@ -118,18 +122,19 @@ def rig_simulate(
 ) -> int:
     """Run a test on a simulated rig, much faster than real time.
 
-    Simulates the device, serial line, recorder and test machine with noise and clock errors, then reads
-    the files back and analyses them like those from a real test. Writes `test.fam` (journal), `machine.csv`
-    (machine log), `dataset.csv` (for `famjax fit`), `characterisation.json` and `characterisation.png`.
+    Simulates the device, serial line, recorder and testing machine with noise and clock errors. The
+    recorded files are then read back and analysed as if they came from a real test. Writes `test.fam`
+    (journal), `machine.csv` (machine log), `dataset.csv` (for `famjax fit`), `characterisation.json` and
+    `characterisation.png`.
 
     Parameters
     ----------
     plan
-        TOML file with the tables [plan] and [rig]; a pressure limit is required.
+        TOML file with the tables [plan] and [rig]; it must set a pressure limit.
     fit
         Simulate the muscle in this `fit.json`; default: the 7/8 in muscle from the reference work.
     seed
-        Seed all noise; the same seed gives the same files.
+        Set the seed for all noise; the same seed produces the same files.
     output
         Write the files to this folder; it is created if missing and must not contain a journal.
     units
@@ -165,7 +170,7 @@ def rig_simulate(
 
 
 def rig_convert(journal: Path, target: Path) -> int:
-    """Write the records in a journal as a CSV table with units; the journal is left unchanged.
+    """Convert the records in a journal to a CSV file with units; the journal itself is not changed.
 
     Parameters
     ----------
@@ -182,7 +187,7 @@ def rig_convert(journal: Path, target: Path) -> int:
 
 
 def _simulated_muscle(fit: Path | None) -> tuple["AbstractMuscle", dict[str, Any]]:
-    """Return the muscle from a fit, or that from the reference work, with its dataset entries."""
+    """Return the muscle from a fit, or the reference work's muscle, with its specimen entries."""
     from .simulation import reference_muscle
 
     if fit is None:

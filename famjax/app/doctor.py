@@ -1,4 +1,4 @@
-"""Self-checks: `famjax doctor` checks the installation, `famjax reproduce` the printed values."""
+"""`famjax doctor` checks the installation; `famjax reproduce` checks the reference work's tables."""
 
 import importlib
 import importlib.metadata
@@ -31,29 +31,29 @@ def doctor() -> int:
         print("devices:", ", ".join(str(device) for device in jax.devices()))
     except (AssertionError, RuntimeError):
         found.append(
-            f"JAX finds no device: JAX_PLATFORMS is {os.environ.get('JAX_PLATFORMS', '')!r}. "
+            f"JAX found no device: JAX_PLATFORMS is {os.environ.get('JAX_PLATFORMS', '')!r}. "
             "Set JAX_PLATFORMS=cpu, or unset it"
         )
     print("float64: off by default in JAX; famjax commands that fit models switch it on")
-    off = f"off, so every command compiles again. Set {VARIABLE} to a folder that only you can write to"
+    off = f"off, so every command recompiles. Set {VARIABLE} to a folder that only you can write to"
     print("compilation cache:", switch_on() or off)
     print("\n".join(f"problem: {problem}" for problem in found) or "no problems found")
     return 1 if found else 0
 
 
 def reproduce(*, output: Path = Path("famjax-reproduce"), json_: bool = False) -> int:
-    """Recompute the tables in the reference work and compare them with its printed values.
+    """Recompute the tables in the reference work and compare the results with the printed values.
 
-    Runs only in a clone of the repository, installed from its folder with
-    `python -m pip install -e ".[app]"`, because the code is in `benchmarks`.
+    Runs only in a clone of the repository that was installed from its own folder with
+    `python -m pip install -e ".[app]"`, because the code is in the `benchmarks` folder.
 
     Parameters
     ----------
     output
-        Write the page with tables and figures to this folder; it is created if missing.
+        Write a page with tables and figures to this folder; it is created if missing.
     json_
-        Print the rows as one JSON list on standard output, and nothing else. This leaves out the fits
-        to the synthetic data in chapter 7, which have no verdict.
+        Print the rows as one JSON list on standard output, and nothing else. The list omits the fits to
+        the synthetic data in chapter 7, which have no verdict.
     """
     start_jax()
     from famjax.boundary.errors import InputError
@@ -62,8 +62,8 @@ def reproduce(*, output: Path = Path("famjax-reproduce"), json_: bool = False) -
     folder = Path(__file__).resolve().parents[2] / "benchmarks"
     if not (folder / "reproduce.py").exists():
         raise InputError(
-            f"{folder} has no reproduce.py: run 'famjax reproduce' in a clone of the repository, "
-            'installed from its folder with python -m pip install -e ".[app]"'
+            f"{folder} has no reproduce.py: run 'famjax reproduce' in a clone of the repository that was "
+            'installed from its own folder with python -m pip install -e ".[app]"'
         )
     check_output(output)
     sys.path.insert(0, str(folder))

@@ -1,4 +1,4 @@
-"""`famjax simulate`: a muscle with a load, driven by valve commands or a controller, over time."""
+"""`famjax simulate`: simulate a loaded muscle, driven by valve commands or a controller."""
 
 import dataclasses
 import sys
@@ -23,7 +23,7 @@ _COUNTS = 255  # full scale of the valve output
 
 @dataclasses.dataclass(frozen=True)
 class _Load:
-    """The table [load]. Without a mass, the length is prescribed."""
+    """The table [load]. If it has no mass, the length is prescribed."""
 
     length: Positive | None = None
     mass: Positive | None = None
@@ -34,7 +34,7 @@ class _Load:
 
 @dataclasses.dataclass(frozen=True)
 class _Controller:
-    """The table [controller], with the gains of the device."""
+    """The table [controller], with gains in the units of the device."""
 
     proportional_counts_per_psi: NotNegative
     integral_counts_per_psi_s: NotNegative
@@ -42,7 +42,7 @@ class _Controller:
 
 @dataclasses.dataclass(frozen=True)
 class _Step:
-    """One [[step]] with either `signal` or `set_pressure`."""
+    """A table [[step]] with either `signal` or `set_pressure`."""
 
     duration: Positive
     signal: Annotated[float, Meta(ge=0, le=1, description="between 0 and 1")] | None = None
@@ -71,23 +71,23 @@ def simulate(
     units: Units = "metric",
     json_: bool = False,
 ) -> int:
-    """Simulate a muscle under valve commands and loads: pressure, length and force over time.
+    """Simulate a loaded muscle driven by valve commands: pressure, length and force over time.
 
     Writes `simulation.csv` and `simulation.svg`, and prints the state at the end of each step of the
-    plan. The concept page on dynamics shows an example plan and lists what the model neglects.
+    plan. The concept page on dynamics contains an example plan and lists what the model neglects.
 
     Parameters
     ----------
     card
-        Card written by `famjax card`, or a bundled muscle, DMSP-10 or DMSP-20.
+        Card written by `famjax card`, or the name of a bundled muscle (DMSP-10 or DMSP-20).
     plan
         TOML file with the tables [circuit], [load] and one [[step]] per command; optionally [friction]
         and [controller].
     every
-        Set the time between two rows of the table, with its unit; it is rounded to a multiple of 2 ms.
+        Set the time between rows of the table, with its unit; it is rounded to a multiple of 2 ms.
     own
-        Trust your own module, which defines classes named in the card, `--own my_rubber`; repeatable.
-        Modules named only in the file are never imported.
+        Trust and import your own module, which defines classes named in the card, for example
+        `--own my_rubber`; repeatable. Other modules named in the card are never imported.
     output
         Write the files to this folder; it is created if missing.
     units
@@ -118,8 +118,8 @@ def simulate(
     found = np.stack([time, states.pressure, states.position, states.force], axis=1)
     if (bad := ~np.isfinite(found).all(axis=1)).any():
         raise InputError(
-            f"{plan}: the muscle has no valid state after {time[bad][0]:.3f} s, at a length of "
-            f"{found[bad][0, 2]:.4g} m; shorten the stroke, or increase the stiffness or damping"
+            f"{plan}: the model has no valid state from {time[bad][0]:.3f} s on, at a length of "
+            f"{found[bad][0, 2]:.4g} m: shorten the stroke, or increase the stiffness or damping"
         )
     names = ("time_s", "pressure_Pa", "length_m", "force_N")
     rows: Any = [dict(zip(names, row, strict=True)) for row in found.tolist()]
@@ -146,8 +146,9 @@ def _steps(tables: dict[str, Any], plan: Path) -> list[_Step]:
     kinds = {(one.signal is None, one.set_pressure is None) for one in steps}
     if kinds not in ({(True, False)}, {(False, True)}):
         raise InputError(
-            f"{plan}: a plan must have at least one [[step]]. Either all steps must have a signal, or all "
-            "must have a set pressure, such as set_pressure_kPa, with a table [controller]"
+            f"{plan}: a plan must have at least one [[step]]. Either every step must have a signal, or "
+            "every step must have a set pressure, such as set_pressure_kPa, and the plan must have a table "
+            "[controller]"
         )
     return steps
 
@@ -185,7 +186,7 @@ def _system(
 
 
 def feed_forward(circuit: "AbstractCircuit") -> Any:
-    """Return polynomial coefficients of the output that holds a pressure, as a calibration would find."""
+    """Return the polynomial coefficients of the output that holds a pressure, as a calibration does."""
     from famjax.units import PSI
     from rig.calibration import fit_feed_forward
 

@@ -1,4 +1,4 @@
-"""Steps that turn a folder of measurements into fitted muscles: force, pictures, shape, fits."""
+"""Steps that turn a folder of measurements into fitted muscles: force, pictures and fits."""
 
 import dataclasses
 import functools
@@ -34,7 +34,7 @@ from .photographs import add_log, picture_checks, read_log_of_pictures
 
 RECORDS, PICTURES, REPORT = "records", "pictures", "report"
 GEOMETRIES = {
-    "cylinder": "cylinder from the braid triangle",
+    "cylinder": "cylinder with inextensible threads",
     "elastic-cylinder": "cylinder with elastic threads",
     "average-diameter": "cylinder with the measured average diameter",
     "measured": "measured shape",
@@ -50,15 +50,15 @@ TEST, _CLOCK_MAP, _PRESSURES = "characterisation.json", "dataset-clock.csv", "pr
 def evaluate(
     sheet: Sheet, *, executor: AnyExecutor | Literal["auto"], tell: Callable[[str], None]
 ) -> list[str]:
-    """Evaluate a folder and write its report. Steps already done are skipped, see `Steps`.
+    """Evaluate a folder and write its report, skipping completed steps (see `Steps`).
 
     Args:
-        sheet: the folder's sheet.
-        executor: executor for the pictures, see `imaging.process`.
-        tell: called with one line per step.
+        sheet: sheet in the folder.
+        executor: executor that measures the pictures, see `imaging.process`.
+        tell: called with one line of text per step.
 
     Returns:
-        Sentences on what the folder lacks, and on each cross-check that does not agree.
+        One sentence for each item missing from the folder and for each cross-check that does not agree.
 
     Raises:
         InputError: a file named in the sheet is missing, or the files contradict each other.
@@ -96,7 +96,7 @@ def read_map(sheet: Sheet) -> fitting.ForceData:
 
 
 def _force(sheet: Sheet, place: Path) -> None:
-    """Convert a journal and a log, or a map, to a force map with the specimen in its header."""
+    """Convert a journal and a machine log, or a map, to a force map with the specimen in its header."""
     options = dataclasses.asdict(sheet.records)
     names = ("journal", "machine_log", "force_map")
     journal_file, log_file, map_file = (options.pop(name) for name in names)
@@ -132,7 +132,7 @@ def _force(sheet: Sheet, place: Path) -> None:
 
 
 def _pictures(sheet: Sheet, photographs: Photographs, steps: Steps, executor: Any) -> None:
-    """Measure the pictures; add the log and the journal's pressure (nan in the journal's gaps)."""
+    """Measure the pictures, and add the log and the pressure from the journal (nan in its gaps)."""
     from imaging import Tone
     from imaging.pictures import expand, measure_pictures, picture_recipe
 
@@ -162,7 +162,7 @@ def _pictures(sheet: Sheet, photographs: Photographs, steps: Steps, executor: An
 
 
 def _with_log(merge: AddLog, sheet: Sheet, table: Table) -> Table:
-    """Add the log and the journal's pressure to the table of pictures."""
+    """Add the log and the pressure from the journal to the table of pictures."""
     table = merge(table)
     if "log_time" not in table.columns or "pressure" in table.columns:
         return table
@@ -171,7 +171,7 @@ def _with_log(merge: AddLog, sheet: Sheet, table: Table) -> Table:
 
 
 def pressure_at(path: Path, at: np.ndarray) -> np.ndarray:
-    """Return the journal's pressure [Pa] at times [s] on the machine's clock; nan in the journal's gaps."""
+    """Return the pressure [Pa] in the journal at times [s] on the machine's clock; nan in its gaps."""
     time, pressure = np.loadtxt(path, delimiter=",", skiprows=1, unpack=True)
     after = np.clip(np.searchsorted(time, at), 1, time.size - 1)
     apart = np.minimum(np.abs(at - time[after - 1]), np.abs(at - time[after]))
@@ -185,7 +185,7 @@ def measured_surface(sheet: Sheet) -> ShapeSurface:
 
 
 def _fit(sheet: Sheet, name: str, place: Path) -> None:
-    """Fit the map with one of the geometries; write the fit and the values that the report compares."""
+    """Fit one geometry to the force map; write the fit and the values that the report compares."""
     surface = None if name in (CYLINDER, ELASTIC) else measured_surface(sheet)
     result = fit_with(sheet, read_map(sheet), name, surface)
     evidence = fitting.evidence.gather(
@@ -210,7 +210,7 @@ def _fit(sheet: Sheet, name: str, place: Path) -> None:
 def fit_with(
     sheet: Sheet, data: fitting.ForceData, name: str, surface: ShapeSurface | None
 ) -> fitting.Identification:
-    """Identify the law with one of the geometries."""
+    """Identify the bladder law using one of the geometries."""
     options = dataclasses.asdict(sheet.fit)
     if sheet.fit.law != "polynomial":
         del options["order"]
@@ -230,7 +230,7 @@ def fit_with(
 def _geometry(
     sheet: Sheet, name: str, surface: ShapeSurface | None, specimen: Any, draw: int | None = None
 ) -> Any:
-    """Build a geometry from the measured shape, or from one of its draws; None if there is no shape."""
+    """Build a geometry from the measured shape or from one of its random draws; None without a shape."""
     if surface is None:
         return None
     turns = surface.threads.turns if sheet.turns is None else sheet.turns
@@ -244,7 +244,7 @@ def _geometry(
 def _shared(
     sheet: Sheet, data: fitting.ForceData, name: str, surface: ShapeSurface | None
 ) -> dict[str, list[Move]]:
-    """Collect the shared errors: from the sheet, the pressure calibration, the clock and the shape."""
+    """Collect the errors shared by all readings: sheet, pressure calibration, clock and shape."""
     test, clock = (sheet.results / RECORDS / one for one in (TEST, _CLOCK_MAP))
     known = json.loads(test.read_text(encoding="utf-8"))["errors"] if test.exists() else {}
     known = {name: std for name, std in known.items() if std is not None} | sheet.errors.stated()
@@ -259,22 +259,22 @@ def _shared(
 
 
 def _within(data: fitting.ForceData, geometry: AbstractGeometry) -> fitting.ForceData:
-    """Return the readings within the photographed lengths, with a note on the others."""
+    """Return the readings within the photographed lengths, with a note about the others."""
     low, high = (float(end) for end in geometry.length_range())
     inside = (data.length >= low) & (data.length <= high)
     if inside.sum() < max(8, _COVERED * inside.size):
         raise InputError(
             f"only {int(inside.sum())} of {inside.size} force readings lie within the photographed "
-            f"lengths, {low * 1e3:.4g} to {high * 1e3:.4g} mm: photograph the whole stroke, and check "
-            "rest_length and the scale"
+            f"lengths, {low * 1e3:.4g} to {high * 1e3:.4g} mm: photograph the whole stroke, or correct "
+            "rest_length or the scale of the pictures"
         )
-    note = f"{(~inside).sum()} readings outside the photographed lengths are left out."
+    note = f"{(~inside).sum()} readings outside the photographed lengths were left out."
     kept = data.part(inside)
     return data if inside.all() else dataclasses.replace(kept, notes=(*kept.notes, note))
 
 
 def _clock_moved(data: fitting.ForceData, path: Path) -> fitting.ForceData:
-    """Return the force map with the clock offset changed by one standard error."""
+    """Return the force map for a clock offset that is larger by one standard error."""
     other = fitting.read_csv(path, dataclasses.asdict(data.specimen))
     moved = {name: getattr(data, name).copy() for name in ("force", "pressure", "length")}
     # The end of a stroke may have one reading more or less; readings without a partner stay unchanged.

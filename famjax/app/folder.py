@@ -1,6 +1,6 @@
-"""An experiment's folder: the sheet with units in its keys, and the evaluation steps.
+"""The folder of an experiment: its sheet, with units in the keys, and the steps of its evaluation.
 
-A step runs again only if its inputs change, so an interrupted run resumes.
+A step is repeated only if its inputs have changed, so an interrupted run can be resumed.
 """
 
 import dataclasses
@@ -26,7 +26,7 @@ RESULTS = "results"
 
 @dataclasses.dataclass(frozen=True)
 class Records:
-    """Force data from the test: journal and machine log, or a force map."""
+    """Force data from the test: a journal and a machine log, or a force map."""
 
     journal: Text | None = None
     machine_log: Text | None = None
@@ -41,12 +41,14 @@ class Records:
     def __post_init__(self) -> None:
         given = tuple(one is not None for one in (self.journal, self.machine_log, self.force_map))
         if given not in {(True, True, False), (False, False, True)}:
-            raise ValueError("set journal and machine_log from one test, or a force_map alone")
+            raise ValueError(
+                "set journal and machine_log, from the same test, or set only force_map"
+            )
 
 
 @dataclasses.dataclass(frozen=True)
 class Photographs:
-    """Pictures from the test, with the options of `famjax measure`."""
+    """Pictures from the test, with the options for `famjax measure`."""
 
     pictures: Text
     ruler: Text | None = None
@@ -72,8 +74,8 @@ class Fit:
     def __post_init__(self) -> None:
         if ":" in self.law:
             raise InputError(
-                f"the law must be one of famjax's own, got {self.law!r}: a sheet cannot import a module. "
-                "Fit your own law with famjax fit DATASET --law module:Class"
+                f"the law must be one that famjax provides, got {self.law!r}: a sheet cannot import a "
+                "module. To fit your own law, use famjax fit DATASET --law module:Class"
             )
 
 
@@ -85,8 +87,8 @@ class Shown:
 
 
 ASSUMED = SharedErrors(rest_length=0.5e-3, shortening=0.003, force_reading=0.02)
-"""Default standard errors for cross-checks: rest length, machine displacement including frame
-compliance, and each load cell."""
+"""Standard errors assumed in the cross-checks by default: rest length, machine displacement including
+frame compliance, and each load cell."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -95,8 +97,8 @@ class Sheet:
 
     Attributes:
         folder: folder that contains the sheet.
-        specimen: data on the muscle.
-        entries: entries of the specimen as written, without the turns.
+        specimen: data about the muscle.
+        entries: entries in [specimen] as written, without `turns`.
         turns: turns of one thread; None if they are to be identified.
         records: force data.
         photographs: pictures, or None.
@@ -117,7 +119,7 @@ class Sheet:
 
     @property
     def results(self) -> Path:
-        """Folder for the files of the steps."""
+        """Folder for the files that the steps write."""
         return self.folder / RESULTS
 
     def path(self, name: str) -> Path:
@@ -128,7 +130,9 @@ class Sheet:
         """
         path = self.folder / name
         if not path.exists():
-            raise InputError(f"{self.folder / SHEET} names {name}, which is not in {self.folder}")
+            raise InputError(
+                f"{self.folder / SHEET} refers to {name}, which is not in {self.folder}"
+            )
         return path
 
 
@@ -143,7 +147,7 @@ def read_sheet(folder: Path) -> Sheet:
     """Read the sheet in a folder.
 
     Raises:
-        InputError: the sheet is missing or invalid; the message gives the location.
+        InputError: the sheet is missing or invalid; the message states where.
     """
     path = folder / SHEET
     if not path.exists():
@@ -188,18 +192,18 @@ def read_sheet(folder: Path) -> Sheet:
 
 
 MARK = "step.json"
-"""File in a step's folder with digests of the step's inputs and, once it is done, of its files."""
+"""File in a step's folder with digests of the step's inputs and, once it is complete, of its output."""
 
 
 class Steps:
-    """Runs the steps of an evaluation in order, except those already done with the same inputs.
+    """Runs the steps of an evaluation in order, skipping those already completed with the same inputs.
 
-    A step depends on its own files and options and on all steps before it. An interrupted step
+    A step depends on its own files and options, and on all earlier steps. An interrupted step
     continues from the files in its folder.
 
     Args:
-        results: folder of the results, with one folder per step.
-        tell: called with one line per step.
+        results: folder for the results, with one folder per step.
+        tell: called with one line of text per step.
     """
 
     def __init__(self, results: Path, tell: Callable[[str], None]) -> None:
@@ -217,8 +221,8 @@ class Steps:
 
         Args:
             name: name of the step and of its folder.
-            work: called with the folder, into which it writes its files.
-            files: files that the step reads, besides those from earlier steps.
+            work: function that is called with the step's folder and writes its files there.
+            files: files that the step reads, other than those from earlier steps.
             options: all other values that the step depends on.
         """
         read = [[path.name, digest(path)] for path in files]
@@ -240,7 +244,7 @@ class Steps:
 
 
 def digest(path: Path) -> str:
-    """Return the SHA-256 of a file's content."""
+    """Return the SHA-256 digest of a file's content."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 

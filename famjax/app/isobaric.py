@@ -1,4 +1,4 @@
-"""Analyse constant-pressure tests: compute curves and key figures from journal and machine log."""
+"""Analyse constant-pressure tests: compute curves and key figures from the journal and machine log."""
 
 import dataclasses
 import math
@@ -40,10 +40,10 @@ def table(record: Record) -> dict[str, NDArray[Any]]:
         record: journal, with the calibration of its sensors.
 
     Returns:
-        Arrays of shape (n,): time on the host's clock, as in the notes, nan for a boot shorter than half
-        a second; time on the device's clock; pressure and force, averaged over the ticks of a record;
-        the set pressure of the controller, nan if unknown; output [0..255] and integral [counts]; state
-        and fault as indices into `STATES` and `FAULTS`; sync; the plan's block, -1 outside a block.
+        Arrays of shape (n,): time on the host's clock, as in the notes (nan for a boot shorter than half
+        a second); time on the device's clock; pressure and force, averaged over the ticks of a record;
+        set pressure of the controller (nan if unknown); output [0..255] and integral [counts]; state and
+        fault as indices into `STATES` and `FAULTS`; sync; block of the plan (-1 outside a block).
 
     Raises:
         RigError: the journal has no calibration.
@@ -76,7 +76,7 @@ def table(record: Record) -> dict[str, NDArray[Any]]:
 
 
 def clocks(record: Record) -> dict[int, ClockMap]:
-    """Fit the map from device time to host time for each epoch with at least two clock notes."""
+    """Fit the map from device time to host time for each epoch that has at least two clock notes."""
     columns = (record.epoch, record.column("boot"), record.column("tick"))
     rows = zip(*(column.tolist() for column in columns), strict=True)
     at = {
@@ -94,7 +94,7 @@ def clocks(record: Record) -> dict[int, ClockMap]:
 
 
 def _blocks(record: Record, time: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return the plan's block for each row, -1 outside a block."""
+    """Return the block of the plan for each row; -1 outside a block."""
     blocks = np.full(len(time), -1)
     part_of_row = np.array(record.epoch_parts, np.int64)[record.epoch]
     for part, note in zip(record.note_parts, record.notes, strict=True):
@@ -105,7 +105,7 @@ def _blocks(record: Record, time: NDArray[np.float64]) -> NDArray[np.int64]:
 
 
 def convert(journal: str | Path, target: str | Path) -> Path:
-    """Write the records of a journal as a CSV table with the unit in each column name.
+    """Write the records in a journal as a CSV table, with the unit in each column name.
 
     Raises:
         RigError: the target does not end in .csv, or the journal cannot be read.
@@ -124,14 +124,14 @@ _MOST_POINTS = 20_000  # points drawn of a pressure record
 
 @dataclasses.dataclass(frozen=True)
 class Analysis:
-    """Results of a test.
+    """Results from the analysis of a test.
 
     Attributes:
         alignment: alignment of the machine's clock with the journal's.
-        record: the readings of the test on one clock.
+        record: readings from the test, all on one clock.
         characterisation: curves and key figures.
-        loads: gain of the journal's load relative to the log's, and its residual scatter relative to its
-            range [-].
+        loads: gain of the load in the journal relative to that in the log, and residual scatter of the
+            load relative to its range [-].
     """
 
     alignment: Alignment
@@ -152,37 +152,38 @@ def analyse(
     pushing_positive: bool = False,
     alignment: Alignment | None = None,
 ) -> Analysis:
-    """Characterise a muscle from the two records of one test.
+    """Characterise a muscle from the journal and the machine log of one test.
 
-    A device record is an average over its ticks. Its time is the middle of these ticks, which is half a
-    record minus half a tick before the last tick.
+    A device record is an average over its ticks. Its time is set to the middle of these ticks, which is
+    half a record minus half a tick before the last tick.
 
     Args:
-        journal: journal of the rig.
-        log: log of the test machine.
+        journal: journal recorded by the rig.
+        log: log from the testing machine.
         rest_length: L0 [m].
-        near: approximate offset of the clocks [s], accurate to 5 s; None if unknown.
+        near: approximate offset between the clocks [s], accurate to 5 s; None if unknown.
         skip_cycles: number of strokes to skip at the start of each pressure.
-        shortening_positive: True if the machine's displacement grows as the muscle shortens.
+        shortening_positive: True if the machine's displacement increases as the muscle shortens.
         zero_displacement: displacement reading at L0 [m].
         pushing_positive: True if the machine's force is positive in compression.
-        alignment: known alignment of the clocks; None computes it.
+        alignment: alignment of the clocks, if known; computed if None.
 
     Returns:
         Alignment, record and characterisation.
 
     Raises:
-        RigError: the records are not from one test, or contain no complete stroke.
+        RigError: the records are not from the same test, or contain no complete stroke.
     """
     if log.force is None:
         raise RigError(
-            f"{log.source} must have a column with the force of the testing machine; export it too"
+            f"{log.source} must have a column with the force measured by the testing machine: export it too"
         )
     columns: Any = pd.DataFrame(table(journal))
     columns = columns[np.isfinite(columns.time_s)].copy()
     if len(columns) < 2:
         raise RigError(
-            f"{journal.path} has no clock notes, so its records have no time on the host's clock"
+            f"{journal.path} must contain clock notes: without them, its records have no time on the "
+            "host's clock"
         )
     period = float(np.median(np.diff(columns.device_time_s)))
     columns["time_s"] -= (period - 1 / TICK_HZ) / 2
@@ -199,9 +200,9 @@ def analyse(
         except InputError as problem:
             covered = " and ".join(f"{np.ptp(one):.4g} s" for one in (time, log.time))
             raise InputError(
-                f"{log.source}: {problem}. Check the force column of the log, its sign "
-                f"(pushing_positive is {str(pushing_positive).lower()}), and the unit of its time: the "
-                f"journal and the log cover {covered}"
+                f"{log.source}: {problem}. Check the force column in the log, its sign "
+                f"(pushing_positive is {str(pushing_positive).lower()}), and the unit of time: the "
+                f"journal and the log cover {covered}, respectively"
             ) from None
     record = combine(
         log, alignment, time, columns.pressure_Pa.to_numpy(), _set_pressures(journal),
@@ -212,17 +213,17 @@ def analyse(
     over, under = record.length.max() - rest_length, rest_length - record.length.min()
     if over > max(under, _STRETCH * rest_length):
         raise InputError(
-            f"{log.source}: a stroke must shorten the muscle, but with these settings it was stretched, "
-            f"from {record.length.min():.5g} to {record.length.max():.5g} m with a rest length of "
-            f"{rest_length:.5g} m: shortening_positive must be {str(not shortening_positive).lower()}, or "
-            "zero_displacement or the rest length is wrong"
+            f"{log.source}: a stroke must shorten the muscle, but with these settings the muscle "
+            f"stretches from {record.length.min():.5g} to {record.length.max():.5g} m, with a rest length "
+            f"of {rest_length:.5g} m. Set shortening_positive to {str(not shortening_positive).lower()}, "
+            "or correct zero_displacement or the rest length"
         )
     curves = characterise(record, skip_cycles=skip_cycles)
     return Analysis(alignment, record, curves, _loads(time, force, record))
 
 
 def _loads(time: np.ndarray, force: np.ndarray, record: IsobaricRecord) -> tuple[float, float]:
-    """Fit the journal's load to the log's; return the gain and the relative scatter."""
+    """Fit the load in the journal to the load in the log; return the gain and the relative scatter."""
     ours = np.interp(record.time, time, force)
     gain, zero = np.polyfit(record.force, ours, 1)
     left = ours - gain * record.force - zero
@@ -230,7 +231,7 @@ def _loads(time: np.ndarray, force: np.ndarray, record: IsobaricRecord) -> tuple
 
 
 def _set_pressures(journal: Record) -> list[tuple[float, float]]:
-    """Return times [s] and the set pressure [Pa] from each time on; nan after an end."""
+    """Return times [s], each with the set pressure [Pa] from then on; nan after an end note."""
     return sorted(
         (float(note["at"]), float(note["pressure_Pa"]) if note["note"] == "set" else math.nan)
         for note in journal.notes if note["note"] in {"set", "end"}

@@ -1,4 +1,4 @@
-"""Combine photographs of a stroke with the machine log, and check them against other records."""
+"""Combine photographs of a stroke with the machine log, and check them against the other records."""
 
 import dataclasses
 import math
@@ -25,18 +25,18 @@ _NEAR = 10.0  # s, largest error of a given clock offset
 
 
 def read_log_of_pictures(path: str | Path, **how: Any) -> MachineLog:
-    """Read the machine log of a photographed test; see `read_machine_log`."""
+    """Read the machine log from a photographed test; see `read_machine_log`."""
     return read_machine_log(
         path, needed=("time", "displacement"), welcome=("force", "pressure"), **how
     )
 
 
 def add_log(machine: MachineLog, guess: float | None) -> AddLog:
-    """Return a function that adds the log to a table, or a note if the clocks cannot be aligned.
+    """Return a function that adds the log to a table, or adds a note if the clocks cannot be aligned.
 
     Args:
-        machine: log of the test machine.
-        guess: lead of the machine's clock over the first picture [s], accurate to 10 s; None if unknown.
+        machine: log from the testing machine.
+        guess: machine time at the first picture [s], accurate to 10 s; None if unknown.
     """
 
     def added(table: Table) -> Table:
@@ -50,12 +50,12 @@ def add_log(machine: MachineLog, guess: float | None) -> AddLog:
 
 
 def camera_clock(table: Table, machine: MachineLog, guess: float | None) -> Synchronisation:
-    """Align the camera's clock with the machine's, from the motion that both recorded.
+    """Align the clocks of the camera and the machine, using the motion that both recorded.
 
     Args:
         table: table of pictures.
-        machine: log of the test machine.
-        guess: lead of the machine's clock over the first picture [s], accurate to 10 s; None if unknown.
+        machine: log from the testing machine.
+        guess: machine time at the first picture [s], accurate to 10 s; None if unknown.
 
     Raises:
         SyncError: see `synchronise`.
@@ -70,13 +70,13 @@ def camera_clock(table: Table, machine: MachineLog, guess: float | None) -> Sync
 def with_log(table: Table, log: MachineLog, clock: Synchronisation) -> Table:
     """Add the machine's readings at the time of each picture to the table.
 
-    The errors cover the alignment of the clocks, the resolution of the time stamps and the linear
-    interpolation between rows of the log. Values outside the log are nan.
+    The standard errors include the alignment of the clocks, the resolution of the time stamps and the
+    linear interpolation between rows of the log. Values outside the time range of the log are nan.
 
     Args:
         table: table of pictures.
-        log: log of the test machine.
-        clock: alignment of the camera's clock with the machine's, see `synchronise`.
+        log: log from the testing machine.
+        clock: alignment of the clocks of camera and machine, see `synchronise`.
     """
     time = table["time"]
     at = clock.log_time(time)
@@ -94,9 +94,11 @@ def with_log(table: Table, log: MachineLog, clock: Synchronisation) -> Table:
         f"{clock.n_pictures} lengths agree with the displacement to {clock.rms * 1e3:.3g} mm RMS."
     ]
     if outside := int(np.sum(np.isfinite(at) & np.isnan(columns["displacement"]))):
-        notes.append(f"{outside} pictures lie outside the time range of the log and have no force.")
+        notes.append(
+            f"{outside} pictures lie outside the time range of the log; their force is unknown."
+        )
     if lost := len(log.unread) + log.missing_rows:
-        notes.append(f"{lost} rows of the log are missing or are not numbers.")
+        notes.append(f"{lost} rows of the log are missing or do not contain numbers.")
     return dataclasses.replace(
         table,
         columns=columns,
@@ -109,13 +111,13 @@ def picture_checks(sheet: Sheet, table: Table) -> list[Check]:
     """Check the table of pictures against the other records.
 
     Args:
-        sheet: sheet of the folder.
+        sheet: sheet in the folder.
         table: table of pictures, with the log if the folder has one.
     """
     reasons = sorted({text.partition(":")[0] for text in table.error if text})
     measured = Check.of(
         "fraction of pictures that could be measured", float(np.mean(table.ok)), (0.9, 1.0),
-        say=f"See measurements.csv for the reasons ({', '.join(reasons)}), and repeat those pictures.",
+        say=f"Retake the pictures that failed; measurements.csv states the reasons ({', '.join(reasons)}).",
     )  # fmt: skip
     found = [measured, *_diameter(sheet, table)]
     if sheet.records.machine_log is None:
@@ -124,23 +126,25 @@ def picture_checks(sheet: Sheet, table: Table) -> list[Check]:
         verdict = CONTRADICTS if OtherMotion.__name__ in table.notes[-1] else NOT_KNOWN
         say = (
             f"{table.notes[-1]}. Copy the pictures from the camera unchanged, with their time stamps. "
-            "Check the unit of the displacement and the ruler's pitch, and that pictures and log are from "
-            "one test. If strokes repeat, set log_offset_s in [photographs]."
+            "Check the unit of the displacement and the ruler's pitch, and check that the pictures and the "
+            "log are from the same test. If all strokes look alike, set log_offset_s in [photographs]."
         )
         return [
             *found,
-            Check("motion seen by camera and machine", "the same motion", verdict, verdict, say),
+            Check(
+                "motion recorded by camera and machine", "the same motion", verdict, verdict, say
+            ),
         ]
     outside = np.isnan(table["displacement"][table.ok])
     inside = Check.of(
-        "fraction of pictures outside the log", float(outside.mean()), (0.0, 0.1),
-        say=f"{outside.sum()} pictures lie outside the time range of the log: export the whole log.",
+        "fraction of pictures outside the time range of the log", float(outside.mean()), (0.0, 0.1),
+        say=f"{outside.sum()} pictures were taken before or after the log: export the whole log.",
     )  # fmt: skip
     return [*found, inside, *_scale(sheet, table)]
 
 
 def _scale(sheet: Sheet, table: Table) -> list[Check]:
-    """Check scale, ruler and rest length from the slope and offset of length against displacement."""
+    """Check the scale, ruler and rest length by fitting a line to length against displacement."""
     rest, records = sheet.specimen.rest_length, sheet.records
     towards = -1.0 if records.shortening_positive else 1.0
     x, y = towards * (table["displacement"] - records.zero_displacement), table["length"]
@@ -156,10 +160,10 @@ def _scale(sheet: Sheet, table: Table) -> list[Check]:
     return [
         Check.about(
             "ratio of photographed length to machine displacement", slope, 1.0, std,
-            say="If the rest length has the same relative error, the ruler was not in the plane of the "
-            "muscle's axis. Otherwise the machine's frame deflects under load, its displacement is out of "
-            "calibration, or a unit or a sign is wrong: check the unit of the displacement, "
-            "shortening_positive, the ruler's pitch and the scale.",
+            say="If the photographed rest length has the same relative error, the ruler was not in the "
+            "plane of the muscle's axis. Otherwise the machine's frame deflects under load, its "
+            "displacement is out of calibration, or a unit or a sign is wrong: check the unit of the "
+            "displacement, shortening_positive, the ruler's pitch and the scale.",
         ),
         Check.about(
             "photographed length at the machine's rest position, compared with the rest length",
@@ -172,7 +176,7 @@ def _scale(sheet: Sheet, table: Table) -> list[Check]:
 
 
 def _diameter(sheet: Sheet, table: Table) -> list[Check]:
-    """Compare the average diameter at the longest photographed length with the bladder and its braid."""
+    """Compare the mean diameter at the longest photographed length with that of bladder and braid."""
     specimen = sheet.specimen
     nominal = specimen.bladder_diameter or specimen.nominal_diameter
     if nominal is None or not table.ok.any():
@@ -180,9 +184,9 @@ def _diameter(sheet: Sheet, table: Table) -> list[Check]:
     seen = float(table["mean_diameter"][table.ok][np.argmax(table["length"][table.ok])])
     least = nominal + 2 * specimen.braid_thickness if specimen.bladder_diameter else 0.8 * nominal
     return [
-        Check.of("ratio of photographed diameter near rest to diameter of bladder and braid",
+        Check.of("ratio of photographed diameter near rest to diameter of bladder with braid",
               seen / least, (0.97, 1.5), (0.85, 2.2),
               say="A braid is never narrower than its bladder and rarely much wider: check "
-              "bladder_diameter, its unit, and that the pictures show this specimen. The bladder "
-              "strain depends on this diameter.")
+              "bladder_diameter and its unit, and check that the pictures show this specimen. The "
+              "bladder strain depends on this diameter.")
     ]  # fmt: skip

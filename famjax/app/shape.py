@@ -1,4 +1,4 @@
-"""`famjax shape`: the equilibrium shape of a fitted muscle, as a table and a picture."""
+"""`famjax shape`: compute the equilibrium shape of a fitted muscle as a table and a plot."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -34,22 +34,25 @@ def shape(
 ) -> int:
     """Compute the equilibrium shape of a fitted muscle: profile, braid angle, strains and force.
 
-    The shape minimises the energy of the fitted braid, bladder and law, with threads pinned at their
-    crossings. Writes `shape.csv` and `shape.svg`. Exits with code 2 if there is no stable shape.
+    The shape minimises the energy of the fitted braid and bladder, with the threads pinned where they
+    cross. Writes `shape.csv` and `shape.svg`. Exits with code 2 if there is no stable shape.
 
     Parameters
     ----------
     muscle
-        A `fit.json` from `famjax fit`, a card from `famjax card`, or a bundled muscle, DMSP-10 or DMSP-20.
+        A `fit.json` from `famjax fit`, a card from `famjax card`, or the name of a bundled muscle
+        (DMSP-10 or DMSP-20).
     length
-        Set the active length with its unit, `--length 270mm`.
+        Set the active length with its unit, for example `--length 270mm`.
     pressure
-        Set the gauge pressure with its unit, `--pressure 500kPa`; the fitted deadband is subtracted.
+        Set the gauge pressure with its unit, for example `--pressure 500kPa`; the fitted deadband is
+        subtracted from it.
     end_diameter
-        Set the braid diameter at the fittings, `--end-diameter 20mm`; default: that of the unloaded braid.
+        Set the braid diameter at the end-fittings, for example `--end-diameter 20mm`; default: the
+        diameter of the unloaded braid.
     own
-        Trust your own module, which defines classes named in the file, `--own my_rubber`; repeatable.
-        Modules named only in the file are never imported.
+        Trust and import your own module, which defines classes named in the file, for example
+        `--own my_rubber`; repeatable. Other modules named in the file are never imported.
     output
         Write the files to this folder; it is created if missing.
     units
@@ -82,7 +85,7 @@ def shape(
 
 
 def _read(muscle: str, own: tuple[str, ...]) -> Any:
-    """Read the muscle from a fit or a card, or load a bundled one."""
+    """Read the muscle from a fit or a card, or load a bundled muscle."""
     from famjax.muscles import open_card
     from fitting.cli.muscle import is_fit, warn_unidentified
 
@@ -98,7 +101,7 @@ def _read(muscle: str, own: tuple[str, ...]) -> Any:
 
 
 def _equilibrium_muscle(muscle: Any, end_diameter: float | None) -> "famjax.EquilibriumMuscle":
-    """Build the equilibrium muscle; a muscle that already is one is kept unless a diameter is given."""
+    """Build the equilibrium muscle. If `muscle` already is one and no diameter is given, return it."""
     import jax
 
     from famjax import Bladder, EquilibriumMuscle
@@ -115,8 +118,8 @@ def _equilibrium_muscle(muscle: Any, end_diameter: float | None) -> "famjax.Equi
     ]  # fmt: skip
     if not all(parts[:3]):
         raise InputError(
-            "the equilibrium shape needs a braid, a bladder and a bladder law, and this muscle lacks at "
-            "least one of them. Models by other authors and measured shapes may lack them: fit a "
+            "the equilibrium shape requires a braid, a bladder and a bladder law, but this muscle lacks "
+            "at least one of them, as do some models by other authors and some measured shapes: fit a "
             "model with a braid"
         )
     braid, bladder, law = (found[0] for found in parts[:3])
@@ -130,7 +133,7 @@ def _equilibrium_muscle(muscle: Any, end_diameter: float | None) -> "famjax.Equi
 
 
 def _files(found: "Shape", units: str) -> dict[str, str]:
-    """Return the points of the shape as CSV, and a plot of its outline on both sides of the axis as SVG."""
+    """Return the points on the shape as CSV, and a plot of its outline on both sides of the axis as SVG."""
     from matplotlib.figure import Figure
 
     columns, unit = {}, unit_system(units)

@@ -1,4 +1,4 @@
-"""Simulate a complete test without hardware: plan, rig, journal, machine log, characterisation, dataset."""
+"""Simulate a complete test without hardware, from the plan to the recorded files and the dataset."""
 
 import datetime
 from collections.abc import Callable, Mapping
@@ -22,7 +22,7 @@ from rig.simulation import CIRCUITS, MachineClock, SimulatedRig, load_cell, mach
 from .isobaric import Analysis, analyse
 
 LOG, DATASET = "machine.csv", "dataset.csv"
-"""Names of the files of a test, besides its journal."""
+"""File names of the machine log and the dataset from a test."""
 
 
 class SimulatedTest(NamedTuple):
@@ -30,7 +30,7 @@ class SimulatedTest(NamedTuple):
 
     Attributes:
         analysis: alignment, record and characterisation.
-        paths: files in the order in which they were written.
+        paths: paths of the files, in the order in which they were written.
     """
 
     analysis: Analysis
@@ -38,24 +38,24 @@ class SimulatedTest(NamedTuple):
 
 
 class Watcher(Attendant):
-    """Reports progress about once per second of the plan.
+    """Reports progress about once per second of plan time.
 
     Args:
-        progress: called with the elapsed and the planned time [s].
+        progress: called with the elapsed time and the total planned time [s].
     """
 
     def __init__(self, progress: Callable[[float, float], None]) -> None:
         self._progress = progress
 
     def look(self, situation: Situation) -> Request:
-        """Report progress during the first 1/20 of each second."""
+        """Report progress during the first 1/20 s of each second of plan time."""
         if situation.done % 1.0 < 1 / 20:
             self._progress(situation.done, situation.done + situation.left)
         return ""
 
 
 def reference_muscle() -> famjax.Muscle:
-    """Return the 7/8 in muscle from the reference work, the default muscle of the simulated rig.
+    """Return the 7/8 in muscle from the reference work, the default muscle for the simulated rig.
 
     References:
         Chambers 2021, chapter 6: latex bladder.
@@ -67,7 +67,7 @@ def reference_muscle() -> famjax.Muscle:
 
 
 def simulate_device(test: PlanFile, folder: str | Path, *, seed: int = 0) -> Path:
-    """Run a test on a simulated rig whose machine does not move; return the path of the journal.
+    """Run a test on a simulated rig with a stationary machine, and return the path of the journal.
 
     Raises:
         RigError: see `Rig` and `run`.
@@ -94,24 +94,24 @@ def simulate(
     calibrated: Callable[[Calibration], Calibration] | None = None,
     progress: Callable[[float, float], None] | None = None,
 ) -> SimulatedTest:
-    """Run a test on a simulated rig in virtual time, and analyse the files.
+    """Run a test on a simulated rig in virtual time, and analyse the files that it writes.
 
-    The files are written and read back like those of a real test. The machine reverses where the force
-    falls to zero, or at the end of the plan's stroke.
+    The files are written and read back like those from a real test. The machine reverses when the force
+    falls to zero, or at the end of the planned stroke.
 
     Args:
-        test: plan, circuit, limit and gains; its calibration is not used.
+        test: plan, circuit, pressure limit and gains; the calibration in it is not used.
         folder: folder for the files; it must not contain a journal.
         muscle: muscle to simulate; a `LinearMcKibben` by default.
-        specimen: entries of the dataset in addition to the rest length, with units in the keys.
-        clock: clock of the machine's log; by default 12.345 s ahead and 50 ppm fast.
-        clock_rate: relative rate error of the device's clock.
-        friction: friction of the muscle, see `SimulatedRig`.
+        specimen: specimen entries for the dataset besides the rest length, with units in the keys.
+        clock: clock used for the machine log; by default 12.345 s ahead and 50 ppm fast.
+        clock_rate: relative error in the rate of the device's clock.
+        friction: friction in the muscle, see `SimulatedRig`.
         seed: seed for all noise.
         began: date and time of the test; the current time by default.
-        calibrated: function that returns the assumed calibration of the sensors for the true one; the
-            identity by default.
-        progress: called with the elapsed and the planned time [s].
+        calibrated: function that maps the true calibration of the sensors to the assumed one; by default,
+            the two are equal.
+        progress: called with the elapsed time and the total planned time [s].
 
     Returns:
         The analysis, and the paths of the journal, log and dataset.
@@ -126,7 +126,9 @@ def simulate(
     machine = machine_for(muscle, clock or MachineClock(12.345, 50e-6), seed=seed + 2)
     longest = machine.rest_length - machine.shortest
     if test.plan.stroke > longest:
-        raise RigError(f"the plan's stroke of {test.plan.stroke:.5g} m must be <= {longest:.5g} m")
+        raise RigError(
+            f"the stroke in the plan must be <= {longest:.5g} m, got {test.plan.stroke:.5g} m"
+        )
     # Blocked force at the limit plus a margin: a saturated load cell would bend the curves.
     most = 1.2 * float(muscle.blocked_force(test.pressure_limit))
     rig = SimulatedRig(

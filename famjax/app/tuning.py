@@ -1,4 +1,4 @@
-"""`famjax rig step` and `famjax rig tune`: a small step test, and controller gains tuned for the rig."""
+"""`famjax rig step` records a small step test; `famjax rig tune` tunes the gains from it."""
 
 import dataclasses
 import re
@@ -31,7 +31,7 @@ _STAYS = 1e-4  # m: motion of a machine that is held
 _DRAWS = 8
 _MISSED = 1.0 * PSI  # RMS error: four times the noise of a transducer
 _HELD = {"air": ("dead_volume", 0.3), "water": ("displacement", 0.05)}
-"""Parameters that a test at fixed length cannot determine (all flows scale alike), and their spread."""
+"""Parameters that a test at fixed length cannot determine, as all flows scale alike, and their spread."""
 
 
 def rig_step(
@@ -45,24 +45,25 @@ def rig_step(
 ) -> int:
     """Record a small step test, from which `famjax rig tune` identifies the rig.
 
-    The pressure steps up and down between the plan's lowest pressure and at most 20 psi above it, with the
-    plan's gains. The rig trips at most 15 psi above the upper step. Hold the muscle at its rest length;
-    the machine does not move. Writes `test.fam` to the output folder. The rig always vents at the end.
+    The pressure steps up and down between the lowest pressure in the plan and a pressure at most 20 psi
+    higher, using the gains in the plan. The rig trips at the plan's pressure limit or at 15 psi above the
+    upper step, whichever is lower. Keep the muscle at its rest length; the machine does not move. Writes
+    `test.fam` to the output folder. The rig always vents at the end.
 
     Parameters
     ----------
     plan
-        TOML file with the tables [plan] and [rig] of the test whose gains are to be tuned.
+        TOML file with the tables [plan] and [rig] for the test whose gains are to be tuned.
     port
         Connect to this serial port, or to socket://host:port.
     baud
-        Set the baud rate of the firmware.
+        Set the baud rate used by the firmware.
     simulate
         Run the test on a simulated rig.
     output
         Write the journal to this folder; it is created if missing.
     yes
-        Start without asking for confirmation, for scripts.
+        Start without asking for confirmation; intended for scripts.
     """
     start_jax()
     from rig import cli
@@ -88,7 +89,7 @@ def rig_step(
 
 
 def step_test(test: "PlanFile") -> "PlanFile":
-    """Derive the step test from a plan: lower pressures and limit, otherwise unchanged."""
+    """Derive the step test from a plan: lower pressures, a lower limit and no stroke."""
     low = min(test.plan.pressures)
     high = min(max(test.plan.pressures), low + _RISE * PSI)
     if high <= low:
@@ -112,11 +113,12 @@ def rig_tune(
     units: Units = "metric",
     json_: bool = False,
 ) -> int:
-    """Tune controller gains and the rise time of the set pressure, and write them to a copy of the plan.
+    """Tune the controller gains and the set-pressure rise time, and write them to a copy of the plan.
 
-    Identifies the valve or pump from the journal of `famjax rig step`. Then optimises the gains with
-    gradients through the simulated rig, for the plan's rate and steps and for a sample of rigs consistent
-    with the journal. Prints the expected pressure errors with the plan's gains and with the new ones.
+    Identifies the valve or pump from the journal of `famjax rig step`, then optimises the gains. The
+    optimisation simulates the steps and strokes in the plan on several rigs that are consistent with the
+    journal, and uses the gradient of the pressure error. Prints the pressure errors expected with the
+    gains in the plan and with the tuned gains.
 
     Parameters
     ----------
@@ -125,14 +127,14 @@ def rig_tune(
     plan
         TOML file with the tables [plan] and [rig].
     simulate
-        Use assumed valve or pump parameters, uncertain by 5 to 30 %, instead of a journal.
+        Assume parameters for the valve or pump, uncertain by 5 to 30 %, instead of using a journal.
     card
-        Card written by `famjax card`, or a bundled muscle; default: the 7/8 in muscle from the
+        Card written by `famjax card`, or the name of a bundled muscle; default: the 7/8 in muscle from the
         reference work.
     output
-        Write the plan with the new gains to this file; it must not exist.
+        Write the plan with the tuned gains to this file, which must not exist yet.
     seed
-        Seed the random samples and the noise.
+        Set the seed for the random samples and the noise.
     units
         Choose the units for the table: si, metric or us.
     json_
@@ -149,7 +151,7 @@ def rig_tune(
 
     if (journal is None) != simulate:
         raise InputError(
-            "use either the journal of `famjax rig step`, or --simulate for assumed parameters"
+            "use either a journal recorded by `famjax rig step`, or --simulate for assumed parameters"
         )
     if output.exists():
         raise InputError(f"{output} already exists: choose another file with --output")
@@ -193,11 +195,13 @@ def rig_tune(
     for one in told:
         print(f"note: {one}")
     print_rows("Gains", [gains])
-    print_rows("Expected in simulation (true pressures)", in_units(rows, unit_system(units)))
+    print_rows(
+        "Expected values from simulation (true pressures)", in_units(rows, unit_system(units))
+    )
     if rows[1]["highest_pressure_Pa"] > test.pressure_limit:
         print(
-            "note: the pressure exceeds the limit when strokes reverse: raise the limit, if the muscle and "
-            "circuit are rated for it, or omit the highest pressure"
+            "note: the pressure exceeds the limit when a stroke reverses: raise the limit if the muscle "
+            "and circuit are rated for it, or remove the highest pressure from the plan"
         )
     print("written:", output)
     return 0
@@ -212,7 +216,7 @@ def _plant(circuit: Any, muscle: "AbstractMuscle") -> "Plant":
 def _identified(
     journal: Path, test: "PlanFile", muscle: Any, seed: int
 ) -> tuple[list[Any], np.ndarray, list[str]]:
-    """Sample circuits consistent with a step test; return them with their feed-forward and notes."""
+    """Sample circuits that are consistent with a step test; return them with feed-forward and notes."""
     from fitting.plant import FREE, identify_plant
     from rig.journal import read_journal, stored_calibration
     from rig.simulation import CIRCUITS
@@ -220,7 +224,7 @@ def _identified(
     record = read_journal(journal)
     if any(note["stroke_m"] > 2 * _STAYS for note in record.notes_of("strokes")):
         raise InputError(
-            f"{journal} is from a test in which the machine moved: record a step test with "
+            f"{journal} is from a test in which the machine moved: record a step test instead, with "
             "`famjax rig step`"
         )
     forward = stored_calibration(record).feed_forward
@@ -228,7 +232,7 @@ def _identified(
     if circuit != test.circuit:
         raise InputError(
             f"{journal} is from the {circuit} circuit, but the plan describes the {test.circuit} "
-            "circuit: use the plan from which the step test was recorded"
+            "circuit: use the plan with which the step test was recorded"
         )
     rest, assumed = float(muscle.rest_length), CIRCUITS[test.circuit]()
     held, spread = _HELD[test.circuit]
@@ -237,8 +241,9 @@ def _identified(
     fit = identify_plant(rows, _plant(assumed, muscle), free=free)
     if not fit.pressure_rms < _MISSED:
         raise InputError(
-            f"the model of the {test.circuit} circuit misses the recorded pressure by "
-            f"{fit.pressure_rms / PSI:.2g} psi RMS: check the journal and the supply, and look for leaks"
+            f"the model of the {test.circuit} circuit must match the recorded pressure to within "
+            f"{_MISSED / PSI:g} psi RMS, but the error is {fit.pressure_rms / PSI:.2g} psi: check the "
+            "journal and the supply, and look for leaks"
         )
     known = {name: float(value) for name, value in assumed.parameters().items()}
     volume = float(muscle.volume(rest, rows.pressure.mean())) + known.get("dead_volume", 0.0)
@@ -269,12 +274,12 @@ def _identified(
 
 
 def plant_record(record: "Record", length: float) -> "PlantRecord":
-    """Convert the journal of a test at constant length [m] for `identify_plant`.
+    """Convert the journal of a test at constant length [m] to the input of `identify_plant`.
 
     The pressure in a record is the mean over its ticks; it is shifted to the time of the last tick.
 
     Raises:
-        InputError: the device was in control for less than a second.
+        InputError: the device controlled the pressure for less than a second.
     """
     from fitting.plant import PlantRecord
     from rig.protocol import RUN
@@ -286,8 +291,8 @@ def plant_record(record: "Record", length: float) -> "PlantRecord":
     longest = max(np.split(runs, np.flatnonzero(np.diff(rows["seq"][runs]) != 1) + 1), key=len)[:-1]
     if longest.size < 100:
         raise InputError(
-            f"{record.path}: the device must be in control for at least 100 consecutive records (1 s), "
-            f"got {longest.size}: record a test with `famjax rig step`"
+            f"{record.path}: the device must control the pressure for at least 100 consecutive records "
+            f"(1 s), got {longest.size}: record a test with `famjax rig step`"
         )
     pressure = 0.6 * rows["pressure_Pa"][longest] + 0.4 * rows["pressure_Pa"][longest + 1]
     time = rows["device_time_s"][longest]
@@ -298,7 +303,7 @@ def plant_record(record: "Record", length: float) -> "PlantRecord":
 
 
 def tuned_text(text: str, gains: Mapping[str, float]) -> str:
-    """Replace gains and `rise_s` in the text of a plan; every other character is unchanged."""
+    """Replace the gains and `rise_s` in the text of a plan, and leave all other text unchanged."""
     if not re.search(r"^\s*rise_s\s*=", text, re.MULTILINE):
         text = re.sub(r"^(\s*\[plan\].*\n)", r"\1rise_s = 0\n", text, count=1, flags=re.MULTILINE)
     for key, value in gains.items():

@@ -1,6 +1,6 @@
 """Input and output shared by the packages: units, files, and errors for bad input.
 
-No JAX and no physics: this is the only part of famjax that `imaging` and `rig` import.
+This is the only part of famjax that `imaging` and `rig` import. It contains no JAX and no physics.
 """
 
 import lazy_loader

@@ -11,7 +11,7 @@ from typing import Any
 
 
 class InputError(ValueError):
-    """Bad input; exit code 2. The message says what must hold, what was found and what to do."""
+    """Bad input; exit code 2. The message states what is required, what was found and what to do next."""
 
 
 def check_seed(seed: int) -> int:
@@ -39,12 +39,12 @@ def meant(name: str, known: Iterable[str]) -> str:
 
 
 def import_extra(name: str, extra: str, error: type[Exception] = InputError) -> ModuleType:
-    """Import a package that belongs to an extra.
+    """Import an optional package.
 
     Args:
         name: name of the package.
-        extra: extra that installs it.
-        error: exception to raise if it is missing.
+        extra: extra of famjax that installs the package.
+        error: exception to raise if the package is missing.
 
     Raises:
         InputError: the package is not installed.
@@ -63,11 +63,11 @@ _FAILURES = (
     ArithmeticError, AttributeError, ImportError, LookupError, NameError, OSError, RuntimeError,
     SyntaxError, TypeError, ValueError,
 )  # fmt: skip
-"""Exceptions that the import of a user's module may raise."""
+"""Exceptions that may be raised while a user's module is imported."""
 
 
 Own = Sequence[str | type]
-"""Modules (by name) and classes that the user trusts when a file names them."""
+"""Modules (by name) and classes that the user trusts, so files may refer to them."""
 
 
 def class_path(cls: Any) -> str:
@@ -76,16 +76,16 @@ def class_path(cls: Any) -> str:
 
 
 class NotTrustedError(InputError):
-    """A file names a class that the user has not declared as trusted."""
+    """A file refers to a class that the user has not declared as trusted."""
 
 
 def check_trusted(path: str, own: Own, what: str) -> None:
-    """Raise an error unless the user trusts a class named in a file: its import would run its code.
+    """Raise an error unless the user trusts a class named in a file, because importing it runs its code.
 
     Args:
         path: `module:Class`, as written in the file.
         own: modules and classes that the user trusts.
-        what: name of the part for messages, such as "law".
+        what: name of the part in messages, such as "law".
 
     Raises:
         NotTrustedError: neither the module nor the class is trusted.
@@ -94,17 +94,17 @@ def check_trusted(path: str, own: Own, what: str) -> None:
     if not {path, module} & {one if isinstance(one, str) else class_path(one) for one in own}:
         raise NotTrustedError(
             f"the {what} is {path!r}, which is not part of famjax. A module named in a file is imported "
-            f"only if you trust it: pass --own {module} or own=({module!r},) in Python"
+            f"only if you trust it: add --own {module}, or own=({module!r},) in Python"
         )
 
 
 def class_named(path: str, base: type, what: str) -> type:
-    """Import the class named `module:Class`.
+    """Import a class that is named as `module:Class`.
 
     Args:
         path: module and class.
         base: required base class.
-        what: name of the part for messages, such as "law".
+        what: name of the part in messages, such as "law".
 
     Raises:
         InputError: the module or class does not exist, or does not derive from the base class.
@@ -124,5 +124,5 @@ def class_named(path: str, base: type, what: str) -> type:
         raise InputError(f"the {what} {path!r} must be a class derived from {of}")
     if inspect.isabstract(found):
         lacks = ", ".join(sorted(getattr(found, "__abstractmethods__", ())))
-        raise InputError(f"the {what} {path!r} is abstract: it must define {lacks}")
+        raise InputError(f"the {what} {path!r} is an abstract class: it must define {lacks}")
     return found

@@ -1,4 +1,4 @@
-"""Result files: checked before work starts, and either complete on disk or absent."""
+"""Write result files: check the folder before work starts, and leave only complete files on disk."""
 
 import base64
 import csv
@@ -27,7 +27,7 @@ def check_output(folder: Path) -> None:
     """Check that an output folder can be written to, before any work starts.
 
     Raises:
-        InputError: a file has the folder's name, or write permission is missing.
+        InputError: a file has the same name as the folder, or write permission is missing.
     """
     nearest = folder
     while not nearest.exists() and nearest != nearest.parent:
@@ -49,7 +49,7 @@ def as_png(figure: "Figure") -> bytes:
 
 
 def as_svg(figure: "Figure") -> str:
-    """Return the figure as an SVG file; the same figure always gives the same bytes."""
+    """Return the figure as an SVG file; identical figures produce identical text."""
     import matplotlib as mpl  # noqa: PLC0415 -- slow to import
 
     buffer = io.StringIO()
@@ -59,7 +59,7 @@ def as_svg(figure: "Figure") -> str:
 
 
 def csv_text(rows: Sequence[Mapping[str, object]]) -> str:
-    """Return rows with the same keys as CSV, with the keys as header."""
+    """Return rows that have the same keys as CSV, with the keys as the header."""
     text = io.StringIO()
     table = csv.DictWriter(text, rows[0], lineterminator="\n")
     table.writeheader()
@@ -68,7 +68,7 @@ def csv_text(rows: Sequence[Mapping[str, object]]) -> str:
 
 
 def as_html(title: str, rows: Iterable[tuple[str, str]], figure: "Figure") -> str:
-    """Return a title, labelled sentences and a picture as HTML for a notebook."""
+    """Return a title, labelled sentences and a figure as HTML for a notebook."""
     picture, left = base64.b64encode(as_png(figure)).decode(), "style='text-align:left'"
     body = "".join(
         f"<tr><th {left}>{html.escape(label)}</th><td {left}>{html.escape(text)}</td></tr>"
@@ -81,7 +81,7 @@ def as_html(title: str, rows: Iterable[tuple[str, str]], figure: "Figure") -> st
 
 
 def write_all(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
-    """Write several files into a folder; none appears until all are complete on disk.
+    """Write several files to a folder; none of them appears until all are complete on disk.
 
     Raises:
         InputError: the folder cannot be written to.
@@ -100,11 +100,11 @@ def write_all(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
 
 @dataclasses.dataclass(frozen=True)
 class Origin:
-    """Date and command that created a file.
+    """Date and command with which a file was created.
 
     Attributes:
-        date: date and time of writing, ISO 8601 with the offset from UTC.
-        command: command line that repeats the work.
+        date: date and time at which it was written, in ISO 8601 with the offset from UTC.
+        command: command line that creates it again.
     """
 
     date: str
@@ -130,7 +130,7 @@ class Origin:
 
 
 def differing(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
-    """List the differences between two JSON settings, each as "name was a, now b".
+    """List the differences between two sets of JSON settings, each as "name was a, now b".
 
     >>> differing({"seed": 0, "settings": {"law": "ogden"}}, {"seed": 1, "settings": {}})
     ['seed was 0, now 1', 'law was ogden, now None']
@@ -144,6 +144,6 @@ def differing(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
 
 
 def some_of(texts: Sequence[str], between: str = ", ") -> str:
-    """Join the first five texts, each cut to 200 characters, and add the number of the others."""
+    """Join the first five texts, each cut to 200 characters, and state how many more there are."""
     more = [f"and {len(texts) - 5} more"] * (len(texts) > 5)
     return between.join([text[:200] for text in texts[:5]] + more)

@@ -1,7 +1,7 @@
 """Long computations: apply a function to many items on an executor, storing each result when ready.
 
-Any `concurrent.futures` executor works, and any other with the same interface: loky, mpi4py, dask's
-`Client.get_executor()`. No JAX and no physics.
+Any `concurrent.futures` executor works, as does any other with the same interface: loky, mpi4py, or
+dask's `Client.get_executor()`. This module contains no JAX and no physics.
 """
 
 import contextlib
@@ -32,25 +32,26 @@ _TAKEN_OVER = (
     "jax_enable_x64", "jax_compilation_cache_dir", "jax_persistent_cache_min_compile_time_secs",
     "jax_persistent_cache_min_entry_size_bytes",
 )  # fmt: skip
-"""JAX settings that a worker copies from its parent process."""
+"""JAX settings that a worker process copies from its parent process."""
 _one_at_a_time = threading.RLock()
 
 
 class Store:
-    """Results by index, 0 to `count` - 1, in memory and, if a path is given, in a JSONL file.
+    """Results by index, 0 to `count` - 1, in memory and, if a path is given, also in a JSONL file.
 
-    The first line of the file contains the settings, and each other line one part. A part is on disk when
-    `keep` returns. Damaged lines, such as a last line cut off by a crash, cause a warning; their parts
-    are computed again.
+    The first line of the file contains the settings. Each other line contains one part, which is on disk
+    when `keep` returns. Damaged lines, such as a last line that a crash cut off, cause a warning, and
+    their parts are computed again.
 
     Args:
-        path: path of the file, created if missing; None keeps parts of any type in memory only.
-        kind: type of work, such as "sweep".
-        settings: JSON values that every part depends on. A file with different settings is rejected.
+        path: path of the file, which is created if missing. If None, parts are kept only in memory and
+            may have any type.
+        kind: type of computation, such as "sweep".
+        settings: JSON values on which every part depends. A file with different settings is rejected.
         count: number of parts.
 
     Raises:
-        InputError: the file belongs to different work, or cannot be read or written.
+        InputError: the file belongs to a different computation, or cannot be read or written.
     """
 
     def __init__(self, path: Any, kind: str, settings: dict[str, Any], count: int) -> None:
@@ -70,14 +71,14 @@ class Store:
         return index in self._parts
 
     def __iter__(self) -> Iterator[Any]:
-        """Iterate over the finished parts in order of their index."""
+        """Iterate over the finished parts in the order of their indices."""
         return (self._parts[index] for index in sorted(self._parts))
 
     def keep(self, index: int, part: Any) -> None:
-        """Store one finished part: arrays and plain values by name; nan stays nan.
+        """Store one finished part, which consists of arrays and plain values by name; nan stays nan.
 
         Raises:
-            InputError: the part contains another type.
+            InputError: the part contains a value of any other type.
             OSError: the file cannot be written.
         """
         if self.path is not None:
@@ -108,7 +109,7 @@ class Store:
                 row = json.loads(line.decode(), object_hook=_decoded)
                 self._parts[row["index"]] = row["part"]
             except (ValueError, KeyError, TypeError):
-                text = f"line {number} of {path} is damaged; its part will be computed again"
+                text = f"line {number} in {path} is damaged; the part in it will be computed again"
                 warnings.warn(text, UserWarning, stacklevel=4)
 
 
@@ -135,24 +136,24 @@ def run_tasks(
     """Apply a function to every unfinished item; each result is stored as soon as it is ready.
 
     Stored results survive an interrupt or an error in the function. The name of the item is added to
-    the error as a note. Tasks in threads of one process take turns: JAX may hang if two of them
-    factorise matrices at the same time.
+    the error as a note. Tasks in threads of the same process run one at a time, because JAX may hang if
+    two of them factorise matrices simultaneously.
 
     Args:
         function: function of one item, called in the workers. It must be a module-level function, or a
-            `functools.partial` of one with arrays and names.
+            `functools.partial` of such a function with arrays and names.
         items: one item per task; results are stored by index.
-        executor: None for this process, a number of processes, or a `concurrent.futures.Executor` or any
-            object with its `submit`. A dask client is replaced by its `get_executor()`.
-        store: finished results, to which new ones are added; None creates one in memory.
+        executor: None for this process, a number of processes, a `concurrent.futures.Executor`, or any
+            object with the same `submit`. A dask client is replaced by its `get_executor()`.
+        store: store with finished results, to which new results are added; None creates one in memory.
         progress: called with (finished tasks, all tasks), first with the tasks already in the store.
         names: names of the items in messages; "item 12" by default.
 
     Returns:
-        The store; `list(store)` gives the results in the order of the items.
+        The store; `list(store)` returns the results in the order of the items.
 
     Raises:
-        InputError: the executor cannot be used or broke, for example because a worker died; or the work
+        InputError: the executor cannot be used or failed, for example because a worker died; or the work
             contains an object that another process cannot import.
     """
     if isinstance(executor, int | ProcessPoolExecutor):
@@ -180,11 +181,12 @@ def run_tasks(
                 tell(done, len(items))
         except (BrokenExecutor, CancelledError) as error:
             where = "pass resume= to keep the finished parts" if kept.path is None else (
-                f"the finished parts are in {kept.path}, and the same call resumes from them"
+                f"the finished parts are in {kept.path}: repeat the same call to resume"
             )  # fmt: skip
             raise InputError(
-                f"the executor broke after {done} of {len(items)} tasks ({type(error).__name__}: {error}); "
-                f"{where}. Workers usually die because memory runs out. A script that starts processes "
+                f"the executor failed after {done} of {len(items)} tasks "
+                f"({type(error).__name__}: {error}); {where}. Workers usually die because memory runs out. "
+                "A script that starts processes "
                 'must make its calls under `if __name__ == "__main__":`'
             ) from error
         finally:
@@ -198,8 +200,8 @@ def _check_travels(work: Any) -> None:
         pickle.dumps(work)
     except (pickle.PicklingError, AttributeError, TypeError) as error:
         raise InputError(
-            f"this work cannot be sent to another process ({error}): define your code in a module, or omit "
-            "the executor"
+            f"this work cannot be sent to another process ({error}): define your functions and classes in "
+            "a module, or omit the executor"
         ) from None
 
 
@@ -210,7 +212,7 @@ def _as_done(
     waiting: Sequence[int],
     jobs: dict[Any, int],
 ) -> Iterator[tuple[int, Callable[[], Any]]]:
-    """Submit all items; yield index and result of each finished one, even during submission."""
+    """Submit all items; yield the index and result of each finished item, even during submission."""
     for index in waiting:
         job = pool.submit(call, items[index])
         if job.done():
@@ -226,7 +228,7 @@ def _pool(executor: AnyExecutor, count: int) -> contextlib.AbstractContextManage
         ours = executor.get_executor() if hasattr(executor, "get_executor") else executor
         return contextlib.nullcontext(ours)
     if executor < 1:
-        raise InputError(f"at least one worker is needed, got {executor}")
+        raise InputError(f"the number of workers must be at least 1, got {executor}")
     spawn, workers = multiprocessing.get_context("spawn"), max(1, min(executor, count))
     return ProcessPoolExecutor(workers, spawn, initializer=_begin, initargs=(_settings(),))
 
@@ -238,7 +240,7 @@ def _settings() -> dict[str, Any]:
 
 
 def _called(settings: dict[str, Any], function: Callable[[Any], Any], item: Any) -> Any:
-    """Call the function in a worker with the parent's JAX precision."""
+    """Call the function in a worker, with the JAX precision of the parent process."""
     with _one_at_a_time:
         if settings and (jax := sys.modules.get("jax")) is not None:
             jax.config.update("jax_enable_x64", settings["jax_enable_x64"])
@@ -246,7 +248,7 @@ def _called(settings: dict[str, Any], function: Callable[[Any], Any], item: Any)
 
 
 def _begin(settings: dict[str, Any]) -> None:
-    """Initialise a worker: single-threaded linear algebra, JAX settings of the parent."""
+    """Initialise a worker: single-threaded linear algebra, and the JAX settings of the parent process."""
     os.environ |= dict.fromkeys(
         ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "PJRT_NPROC"), "1"
     )
@@ -260,7 +262,7 @@ def _begin(settings: dict[str, Any]) -> None:
 
 
 def _exit_with_parent() -> None:
-    """Exit when the parent is killed; otherwise a worker would wait forever."""
+    """Exit when the parent process is killed; otherwise a worker would wait forever."""
     if (parent := multiprocessing.parent_process()) is not None:
         parent.join()
         os._exit(1)

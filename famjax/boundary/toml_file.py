@@ -1,7 +1,7 @@
-"""Read and write TOML files as dataclasses, with units in the keys and the location in every message.
+"""Read and write TOML files as dataclasses, with units in the keys.
 
-Annotations restrict the values of fields, and a `Form` defines their keys. Errors raised by the
-dataclass itself are reported with the location in the file.
+Annotations restrict the values of fields, and a `Form` defines their keys. Every error message states
+the location in the file, including messages from errors that the dataclass itself raises.
 """
 
 import dataclasses
@@ -22,7 +22,7 @@ from .units import UNITS
 
 T = TypeVar("T")
 Refusal = Callable[[str], InputError]
-"""Function that creates the exception from a message, such as an exception class."""
+"""Function that creates an exception from a message, for example an exception class."""
 
 _FINITE = sys.float_info.max
 Positive = Annotated[float, Meta(gt=0, le=_FINITE, description="a number > 0 and finite")]
@@ -34,12 +34,12 @@ _WORDS = {float: "a number", int: "a whole number", bool: "true or false", str: 
 
 @dataclasses.dataclass(frozen=True)
 class Form:
-    """How the fields of a dataclass, and of nested dataclasses, are written in a file.
+    """Rules for writing the fields of a dataclass, and of nested dataclasses, in a file.
 
     Attributes:
-        kinds: kind of unit for each quantity. Its key is the field's name and a unit, such as
-            `stroke_in`: every unit in `UNITS[kind]` is read, and the SI unit is written.
-        keys: key of any other field whose key is not the field's name.
+        kinds: kind of unit for each field that is a quantity. The key is the field's name and a unit,
+            such as `stroke_in`. Any unit in `UNITS[kind]` can be read; the SI unit is written.
+        keys: keys of other fields whose key differs from the field's name.
     """
 
     kinds: Mapping[str, str] = dataclasses.field(default_factory=dict)
@@ -50,14 +50,14 @@ class Form:
         return next(iter(self.known_keys(name)))
 
     def known_keys(self, name: str) -> dict[str, float]:
-        """Return all keys under which a field is read, with the multiplier of each unit to SI."""
+        """Return all keys under which a field is read, each with the multiplier that converts it to SI."""
         if name not in self.kinds:
             return {self.keys.get(name, name): 1.0}
         units = UNITS[self.kinds[name]]
         return {f"{name}_{unit}" if unit else name: size for unit, size in units.items()}
 
     def pattern(self, name: str) -> str:
-        """Return the key of a field, with all its units in brackets."""
+        """Return the key of a field, with all possible units in angle brackets."""
         units = [unit for unit in UNITS[self.kinds[name]] if unit] if name in self.kinds else []
         return f"{name}_<{'|'.join(units)}>" if units else self.key(name)
 
@@ -73,9 +73,9 @@ def read_toml(
 
     Args:
         path: path of the file or of a resource, UTF-8 with or without a byte order mark.
-        what: type of the file, for messages, such as "plan".
+        what: type of the file in messages, such as "plan".
         error: exception to raise.
-        where: prefix of every message; the path by default.
+        where: prefix for every message; the path by default.
 
     Raises:
         InputError: the file cannot be read, or is not valid TOML.
@@ -94,20 +94,20 @@ def from_entries(
     kind: type[T], entries: Mapping[str, Any], form: Form = PLAIN,
     *, where: str = "", error: Refusal = InputError,
 ) -> T:  # fmt: skip
-    """Build a dataclass from the entries of a table, in SI.
+    """Build a dataclass in SI from the entries in a table.
 
-    Where a list is needed, a single number is read as a list of one. "none" is read as None.
+    If a list is required, a single number is read as a list of one number. "none" is read as None.
 
     Args:
         kind: the dataclass.
         entries: keys and values from TOML.
         form: keys of the fields.
-        where: location of the table, the prefix of every message, such as `"plan.toml: [rig]: "`.
+        where: location of the table and prefix for every message, such as `"plan.toml: [rig]: "`.
         error: exception to raise.
 
     Raises:
-        InputError: a key is unknown, missing, repeated or lacks a unit, a value has the wrong type or
-            is out of range, or the dataclass itself raises an error.
+        InputError: a key is unknown, missing, repeated or lacks a unit; a value has the wrong type or
+            is out of range; or the dataclass itself raises an error.
 
     >>> @dataclasses.dataclass
     ... class Stroke:
@@ -141,9 +141,9 @@ def check_fields(part: Any, error: Refusal = InputError) -> None:
 
 
 def to_entries(part: Any, form: Form = PLAIN) -> dict[str, Any]:
-    """Return the entries of a dataclass in SI, as TOML and JSON types; see `from_entries`.
+    """Return the entries for a dataclass in SI, as TOML and JSON types; see `from_entries`.
 
-    Omits fields with an uninformative default: None, empty or not finite.
+    A field with its default value is omitted if that default is None, empty or not finite.
     """
     return {
         form.key(field.name): _encoded(value, form)
@@ -154,7 +154,7 @@ def to_entries(part: Any, form: Form = PLAIN) -> dict[str, Any]:
 
 
 def toml_text(entries: Mapping[str, Any]) -> str:
-    """Return entries and one level of tables as TOML text; numbers are written exactly.
+    """Return entries, with one level of tables, as TOML text; numbers are written exactly.
 
     >>> print(toml_text({"name": "a", "rig": {"limits": [0.1, 1]}}), end="")
     name = "a"
@@ -180,7 +180,7 @@ def _values(kind: Any, entries: Mapping[str, Any], form: Form) -> dict[str, Any]
     for key in (key for key in entries if key in known):
         name, size = known[key]
         if name in found:
-            raise InputError(f"{name} is given twice, as {found[name]} and {key}; keep one")
+            raise InputError(f"{name} is set twice, as {found[name]} and {key}: remove one of them")
         found[name], values[name] = key, _scaled(_value(key, entries[key], hints[name], form), size)
     for name, field in fields.items():
         if name not in found and field.default is field.default_factory is dataclasses.MISSING:

@@ -1,7 +1,7 @@
-"""Units in input and output: the name of every column, key and option contains its unit.
+"""Units for input and output: the names of columns, keys and options contain the unit.
 
-The multipliers are plain numbers, and tests compare them with pint. Importing pint would double the
-run time of a short command.
+The multipliers are plain numbers that the tests compare with pint. Importing pint itself would double
+the run time of a short command.
 """
 
 import math
@@ -13,13 +13,13 @@ from ..units import BAR, DEGREE, INCH, KILOPASCAL, LBF, MEGAPASCAL, MILLIMETRE, 
 from .errors import InputError
 
 Row = dict[str, Any]
-"""Row of a table; each key ends with the unit of its quantity."""
+"""Row of a table; each key ends with the unit of its value."""
 
 _STANDARD_GRAVITY = 9.80665  # m/s2, by definition
 
 
 class _Kinds(dict[str, dict[str, float]]):
-    """Units by kind of quantity; an unlisted kind, such as N/m, is itself an SI unit."""
+    """Units for each kind of quantity; a kind that is not listed, such as N/m, is itself an SI unit."""
 
     def __missing__(self, kind: str) -> dict[str, float]:
         return {kind: 1.0}
@@ -42,11 +42,11 @@ UNITS = _Kinds({
     "rate": {"m_per_s": 1.0, "mm_per_s": MILLIMETRE, "in_per_s": INCH,
              "mm_per_min": MILLIMETRE / 60, "in_per_min": INCH / 60},
 })  # fmt: skip
-"""Multipliers to SI for each kind of quantity; the first unit of each is the SI unit."""
+"""Multipliers to SI for each kind of quantity; the first unit listed is the SI unit."""
 
 
 class _System(dict[str, str]):
-    """Unit of each kind; an unlisted kind is itself an SI unit."""
+    """Unit for each kind of quantity; a kind that is not listed is itself an SI unit."""
 
     def __missing__(self, kind: str) -> str:
         return kind
@@ -70,7 +70,7 @@ SYSTEMS: dict[str, _System] = {
     system: _System({kind: units[k] for kind, units in _SYSTEM_UNITS.items()})
     for k, system in enumerate(("si", "metric", "us"))
 }
-"""Unit systems for tables, reports and pictures: the unit of each kind."""
+"""Unit systems for tables, reports and pictures, each with the unit for every kind of quantity."""
 
 _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-z/]*)\s*")
 
@@ -118,7 +118,7 @@ def si_unit(kind: str) -> str:
 
 
 def unit_system(name: str) -> _System:
-    """Return the units of a unit system.
+    """Return the units in a unit system.
 
     Raises:
         InputError: the system is unknown.
@@ -132,9 +132,9 @@ def unit_system(name: str) -> _System:
 
 
 def entry(name: str, value: float, kind: str, system: str) -> Row:
-    """Return a row of one entry: a key that ends with its unit, and the SI value converted to that unit.
+    """Return a row with one entry: a key that ends with a unit, and the SI value converted to that unit.
 
-    The value is None for nan. A "number" has no unit.
+    If the value is nan, None is returned instead. A "number" has no unit.
 
     >>> entry("length", 0.27, "length", "metric")
     {'length_mm': 270.0}
@@ -153,7 +153,7 @@ def parse_quantity(text: str, kind: str) -> float:
     """Parse a number with its unit, such as "5bar", and convert it to SI.
 
     Raises:
-        InputError: the text is not a number, or its unit is missing or unknown.
+        InputError: the text is not a number, or the unit is missing or unknown.
 
     >>> parse_quantity("270mm", "length"), parse_quantity("5 bar", "pressure")
     (0.27, 500000.0)
@@ -171,7 +171,7 @@ def parse_quantity(text: str, kind: str) -> float:
 
 
 def quantity_unit(text: str) -> str:
-    """Return the unit after a number, or after the first number in a list; "" if there is none.
+    """Return the unit after a number, or after the first number in a list; "" if there is no unit.
 
     >>> quantity_unit("270mm,10in"), quantity_unit("5")
     ('mm', '')
@@ -193,7 +193,7 @@ _SPOKEN = {
     **dict.fromkeys(("N", "lbf"), "force"),
 }
 _ALSO = {"metric": ("um", "MPa")}
-"""Further units that a system may show."""
+"""Other units that a system may also show."""
 
 _NUMBER = r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?"
 _WITH_UNIT = re.compile(
@@ -206,7 +206,7 @@ class Quantity(NamedTuple):
 
     Attributes:
         value: value in SI.
-        kind: kind of quantity, a key of `UNITS`.
+        kind: kind of quantity, a key in `UNITS`.
         digits: number of significant digits to show.
     """
 
@@ -215,7 +215,7 @@ class Quantity(NamedTuple):
     digits: int = 4
 
     def in_units(self, system: str) -> str:
-        """Format the number with its unit in a unit system."""
+        """Format the number and its unit in a unit system."""
         unit = unit_system(system)[self.kind]
         return f"{from_si(float(self.value), unit, self.kind):.{self.digits}g} {unit}".rstrip()
 
@@ -224,7 +224,7 @@ class Sentence(str):
     """Text built from several parts, with its quantities in mm, kPa, N and MPa.
 
     Args:
-        *parts: texts and quantities in order.
+        *parts: texts and quantities, in order.
 
     >>> found = Sentence("The length is ", Quantity(0.296, "length"), ".")
     >>> found, sentence_in_units(found, "us")
@@ -240,8 +240,8 @@ class Sentence(str):
 def sentence_in_units(text: str, system: str) -> str:
     """Convert the lengths, pressures and forces in a text to a unit system (si, metric or us).
 
-    Converts numbers followed by a unit, and ranges such as `159 to 236 mm`. Quantities already in a
-    unit of the system keep every digit, and other numbers are unchanged.
+    Converts numbers followed by a unit, and ranges such as `159 to 236 mm`. Quantities that are already
+    in a unit of the system keep all their digits. Other numbers are not changed.
 
     >>> sentence_in_units("At 344738 Pa the strokes from 159 to 236 mm lack 1.02 s.", "us")
     'At 50 psi the strokes from 6.26 to 9.291 in lack 1.02 s.'

@@ -1,4 +1,4 @@
-"""Convert a muscle to plain data with units in the keys, and back; no fit is needed."""
+"""Convert a muscle to plain data with units in the keys, and back. This does not require a fit."""
 
 import lazy_loader
 

@@ -1,6 +1,6 @@
-"""The muscle card: all data for a simulator, a controller or a colleague in one file.
+"""The muscle card: one file with everything that a simulator, a controller or a colleague needs.
 
-`muscle_card.schema.json` in this folder is the output of `schema()`, for programs in other languages.
+`muscle_card.schema.json` in this folder contains the output of `schema()`, for use in other languages.
 """
 
 import dataclasses
@@ -54,7 +54,7 @@ class _Entry(Struct, forbid_unknown_fields=True):
 
 
 class Member(_Entry, omit_defaults=True):
-    """One model of the muscle, its weight in the force and its mounting."""
+    """One model of the muscle, with its weight in the force and its mounting."""
 
     muscle: Annotated[
         dict[str, Any], Meta(description="geometry and force terms, with units in the keys")
@@ -68,7 +68,7 @@ class Member(_Entry, omit_defaults=True):
 
 
 class Ranges(_Entry):
-    """A region of lengths and gauge pressures, each from low to high."""
+    """A range of lengths and a range of gauge pressures, each from low to high."""
 
     length_m: Pair
     pressure_Pa: Pair
@@ -98,7 +98,7 @@ class Covariance(_Entry):
 
 
 class Sample(_Entry):
-    """Parameters of the first member in muscles drawn from the covariance, one row per muscle."""
+    """Parameters of the first member for muscles sampled from the covariance, one row per muscle."""
 
     seed: int
     numbers: list[str]
@@ -129,7 +129,7 @@ class Stroke(_Entry, tag="stroke", tag_field="kind"):
 
 
 class Hysteresis(_Entry):
-    """Slip elements about the static map, which is the mean over `cycle`; see `famjax.slip.CentredSlip`."""
+    """Slip elements around the static map, the mean over `cycle`; see `famjax.slip.CentredSlip`."""
 
     rest_length_m: float
     modulus_Pa: float
@@ -139,7 +139,7 @@ class Hysteresis(_Entry):
 
     @classmethod
     def of(cls, centred: CentredSlip) -> "Hysteresis":
-        """Convert elements and cycle to plain numbers."""
+        """Convert the elements and the cycle to plain numbers."""
         slip, cycle = centred.slip, centred.cycle
         wall, braid = (
             Elements(*(np.asarray(x).tolist() for x in (of.threshold, of.strength)))
@@ -180,7 +180,7 @@ class Provenance(_Entry):
 
 
 class CardDocument(_Entry):
-    """A muscle card as a document: numbers in SI, units in the keys."""
+    """A muscle card as a document, with numbers in SI and units in the keys."""
 
     schema: Literal["famjax-card/1"]
     name: str
@@ -202,18 +202,18 @@ class CardDocument(_Entry):
 
 
 def schema() -> dict[str, Any]:
-    """Return the JSON schema (draft 2020-12) of a card."""
+    """Return the JSON schema (draft 2020-12) for a card."""
     found = msgspec.json.schema(CardDocument)
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": SCHEMA, **found}
 
 
 def slip_as_dict(centred: CentredSlip) -> dict[str, Any]:
-    """Return slip elements and reference cycle as JSON-ready data in SI, without rounding."""
+    """Return slip elements and their reference cycle as JSON-ready data in SI, without rounding."""
     return msgspec.to_builtins(Hysteresis.of(centred))
 
 
 def slip_from_dict(document: dict[str, Any]) -> CentredSlip:
-    """Rebuild elements and cycle from the output of `slip_as_dict`; other entries are ignored.
+    """Rebuild slip elements and cycle from the output of `slip_as_dict`; other entries are ignored.
 
     Raises:
         InputError: an entry is missing or is not a number.
@@ -228,12 +228,12 @@ def slip_from_dict(document: dict[str, Any]) -> CentredSlip:
 
 
 def unidentified(name: str, verdict: str | None, reasons: Sequence[str] | None) -> str | None:
-    """Return a warning if a fit did not identify the muscle, else None.
+    """Return a warning if a fit did not identify the muscle, otherwise None.
 
     Args:
         name: name of the file or the muscle.
         verdict: verdict of the fit.
-        reasons: reasons for the verdict, most serious first.
+        reasons: reasons for the verdict, the most serious first.
     """
     if verdict != "not identified":
         return None
@@ -249,13 +249,13 @@ class MuscleCard:
 
     Attributes:
         name: name of the muscle.
-        members: models of the muscle in the test rig; the force is their weighted sum.
+        members: models of the muscle in the test rig; the force is the weighted sum of their forces.
         weights: weights of the members, which sum to 1, shape (members,).
-        data: range of lengths and pressures of the readings.
+        data: range of lengths and pressures covered by the readings.
         covariance: covariance of the identified parameters relative to their scales, or None.
         draws: sample of muscles from `draw`, or None.
-        hysteresis: hysteresis about the static force, or None if it was not identified.
-        provenance: origin of all data.
+        hysteresis: hysteresis added to the static force, or None if it was not identified.
+        provenance: origin of the data.
     """
 
     name: str
@@ -293,29 +293,29 @@ class MuscleCard:
 
     @functools.cached_property
     def muscle(self) -> AbstractMuscle:
-        """The identified model with the test rig's compliance. Simulators need `safe` instead."""
+        """The identified model, including the compliance of the test rig. In simulators, use `safe()`."""
         return combined(self.members, self.weights)
 
     @functools.cached_property
     def _safe(self) -> SafeMuscle:
         if in_trace():
             raise InputError(
-                "call card.safe() before jit, grad or vmap, and use the returned muscle inside"
+                "call card.safe() outside jit, grad and vmap, and use the muscle that it returns inside"
             )
         data = (np.asarray(one) for one in (self.data.length, self.data.pressure))
         return SafeMuscle.of(self.muscle, *data, hysteresis=self.hysteresis)
 
     def safe(self) -> SafeMuscle:
-        """Return a muscle for simulators, valid in any state, with hysteresis: a `famjax.SafeMuscle`."""
+        """Return a `famjax.SafeMuscle` for simulators, valid in any state and including hysteresis."""
         return self._safe
 
     @property
     def region(self) -> Region:
-        """Part of the data region in which the model is monotone and used unchanged."""
+        """Part of the data range in which the model is monotone and is used unchanged."""
         return self._safe.region
 
     def volume(self, length: Real, pressure: Real) -> RealArray:
-        """Fluid volume V [m3], broadcast shape; see `famjax.continuation.continued_volume`.
+        """Return the fluid volume V [m3], broadcast shape; see `famjax.continuation.continued_volume`.
 
         Raises:
             InputError: the model has no geometry.
@@ -324,9 +324,9 @@ class MuscleCard:
 
     @property
     def sample(self) -> AbstractMuscle | None:
-        """Muscles sampled from the fit's uncertainty, with a leading axis on each array; None without it.
+        """Muscles sampled from the fit's uncertainty, stacked along a leading axis; None if not available.
 
-        Evaluate them with `equinox.filter_vmap`. Their spread does not include the model error; see
+        Evaluate the muscles with `equinox.filter_vmap`. Their spread does not include the model error; see
         `provenance.model_error`.
         """
         if self.draws is None:
@@ -336,10 +336,10 @@ class MuscleCard:
         return eqx.filter_vmap(vary, out_axes=eqx.if_array(0))(rows)
 
     def cut(self, rest_length: float) -> "MuscleCard":
-        """Return the card of this muscle, cut to another rest length; see `famjax.cut_to_length`.
+        """Return the card for this muscle cut to a different rest length; see `famjax.cut_to_length`.
 
-        The region covers the same contractions and pressures. Errors, sample and hysteresis are omitted,
-        because one specimen does not show how specimens differ.
+        The data range covers the same contractions and pressures. Errors, sample and hysteresis are
+        omitted, because one specimen does not show how specimens differ.
 
         Raises:
             InputError: the muscle cannot be cut to this length.
@@ -355,12 +355,14 @@ class MuscleCard:
             why = (
                 error
                 if isinstance(error, ValueError)
-                else "it would be shorter than its rounded ends"
+                else "the muscle would be shorter than its rounded ends"
             )
             raise InputError(f"{fault}: {why}") from None
         wide = _diameter_at_rest(members[0].muscle)
         if rest_length < wide:
-            raise InputError(f"{fault}: the rest length must exceed the diameter, {wide:.4g} m")
+            raise InputError(
+                f"{fault}: the rest length must exceed the braid diameter, {wide:.4g} m"
+            )
         old = float(self.muscle.rest_length)
         lost = "" if self.hysteresis is None else ", without hysteresis"
         notes = [*self.provenance.notes, f"cut from {old:.6g} to {rest_length:.6g} m{lost}"]
@@ -370,7 +372,7 @@ class MuscleCard:
 
 
 def _diameter_at_rest(mounted: AbstractMuscle) -> float:
-    """Return the braid diameter [m] at rest without pressure, or at the fitting."""
+    """Return the braid diameter [m] at rest without pressure, or the diameter at the end-fittings."""
     if isinstance(mounted, Muscle):
         return 2 * float(mounted.geometry.dimensions(mounted.rest_length, 0.0).radius)
     assert isinstance(mounted, famjax.EquilibriumMuscle)
@@ -380,10 +382,10 @@ def _diameter_at_rest(mounted: AbstractMuscle) -> float:
 def combined(
     members: Sequence[MountedMuscle], weights: Any, numbers: Any = None, *, rigid: bool = False
 ) -> AbstractMuscle:
-    """Combine all members into one muscle, each with its mounting if that is compliant and not `rigid`.
+    """Combine all members into one muscle. Compliant mountings are included unless `rigid` is True.
 
-    With `numbers` as parameters of the first member, the other forces shift by the same amount: the
-    spread of the force is that of the first member, whatever its weight.
+    If `numbers` replaces the parameters of the first member, the forces of the other members shift by
+    the same amount. The spread of the force is then that of the first member, whatever its weight.
     """
     loose = [not rigid and bool(np.any(np.asarray(one.compliance))) for one in members]
     own = [one if kept else one.muscle for one, kept in zip(members, loose, strict=True)]
@@ -398,10 +400,10 @@ def combined(
 
 
 def card_as_document(card: MuscleCard) -> CardDocument:
-    """Return the content of a card's file.
+    """Return the content of the file for a card.
 
     Raises:
-        InputError: a part of the muscle cannot be stored in a card, or the model is nowhere monotone.
+        InputError: a part of the muscle cannot be stored in a card, or the model is not monotone anywhere.
     """
     safe, members = card.safe(), []
     for one, weight in zip(card.members, np.asarray(card.weights, float), strict=True):
@@ -423,7 +425,7 @@ def card_as_document(card: MuscleCard) -> CardDocument:
 
 
 def _volume(card: MuscleCard) -> Volume | None:
-    """Tabulate the volume over the region for readers without a geometry; None if the model has none."""
+    """Tabulate the volume for programs that cannot evaluate the geometry; None if the model has none."""
     ranges = Ranges.of(card.region)
     (short, long), (low, high) = ranges.length_m, ranges.pressure_Pa
     L, P = np.linspace(short, long, _TABLE[0]), np.linspace(low, high, _TABLE[1])
@@ -435,10 +437,10 @@ def _volume(card: MuscleCard) -> Volume | None:
 
 
 def card_from_document(document: CardDocument, *, own: Own = ()) -> MuscleCard:
-    """Build a card from the content of a file; `own` as in `read_card`.
+    """Build a card from the content of a file; for `own`, see `read_card`.
 
     Raises:
-        InputError: a muscle is invalid, or the sample belongs to other parameters.
+        InputError: a muscle is invalid, or the sample has different parameters.
     """
     members = []
     for one in document.members:
@@ -465,10 +467,10 @@ def read_card(path: "str | Path | Traversable", *, own: Own = ()) -> MuscleCard:
     Args:
         path: file written by `write_card` or `famjax card`; may be a package resource.
         own: trusted modules and classes, such as `("my_rubber",)` or `(Gent,)`. A card with a class from
-            another module is rejected, because importing it would run its code.
+            any other module is rejected, because importing that module would run its code.
 
     Returns:
-        The card. Enable float64 in JAX first; otherwise the muscle's numbers are rounded to float32.
+        The card. Enable float64 in JAX first; otherwise the numbers in the muscle are rounded to float32.
 
     Raises:
         InputError: the file is missing, damaged or not a muscle card, or contains an untrusted class.
@@ -489,7 +491,7 @@ def read_card(path: "str | Path | Traversable", *, own: Own = ()) -> MuscleCard:
 
 
 def write_card(card: MuscleCard, path: str | Path) -> Path:
-    """Write a card completely or not at all; the folder is created if missing.
+    """Write a card to a file, completely or not at all; the folder is created if missing.
 
     Raises:
         InputError: the card or the file cannot be written.
@@ -499,7 +501,7 @@ def write_card(card: MuscleCard, path: str | Path) -> Path:
 
 
 def as_text(document: CardDocument) -> str:
-    """Return the file's content, indented, with one line per row of numbers."""
+    """Return the content of the file, indented, with each row of numbers on one line."""
     text = json.dumps(msgspec.to_builtins(document), indent=1, allow_nan=False)
     # JSON strings contain no line breaks, so only lists are joined.
     return re.sub(

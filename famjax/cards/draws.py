@@ -1,4 +1,4 @@
-"""Muscles sampled from the uncertainty of a fit: the parameters of one model are varied jointly."""
+"""Sample muscles from the uncertainty of a fit, by varying all parameters of one model together."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -23,23 +23,23 @@ def draw(
     members: Sequence[MountedMuscle], weights: Any, directions: np.ndarray, region: Region,
     *, seed: int = 0, count: int = 32,
 ) -> Sample:  # fmt: skip
-    """Sample muscles from the covariance of a fit; each has a safe continuation.
+    """Sample muscles from the covariance of a fit; each of them has a safe continuation.
 
-    x = x0 + sum z_k d_k with z_k standard normal. A draw is rejected if a parameter leaves its declared
-    range, if the force is undefined somewhere in the region, or if it rises with pressure and length in
-    less than nine tenths of the region: such muscles do not exist.
+    x = x0 + sum z_k d_k with z_k standard normal. A draw is rejected if it does not describe a possible
+    muscle: if a parameter leaves its declared range, the force is undefined somewhere in the region, or
+    the force rises with pressure and length in less than nine tenths of the region.
 
     Args:
-        members: models of the muscle; the parameters of the first are varied.
+        members: models of the muscle; the parameters of the first model are varied.
         weights: weights of the members in the force.
-        directions: independent directions of one standard deviation each, in the order of `flatten`,
-            shape (directions, numbers).
-        region: region in which the force of the card's own muscle rises.
+        directions: independent directions d_k, each one standard deviation long, in the order of
+            `flatten`, shape (directions, numbers).
+        region: region in which the force of the muscle in the card rises.
         seed: seed for NumPy's default generator.
-        count: number of muscles.
+        count: number of muscles to sample.
 
     Raises:
-        InputError: too few draws are valid.
+        InputError: too few of the draws are valid.
     """
     first = members[0]
     flat, _ = flatten(first)
@@ -66,9 +66,9 @@ def draw(
 def _looked_at(
     members: tuple[MountedMuscle, ...], weights: Any, region: Region, rows: Any
 ) -> tuple[Array, Array]:
-    """Return, for each row of numbers, True if the muscle is valid, and where its force rises.
+    """Return for each row of numbers whether the muscle is valid, and where its force rises.
 
-    Mountings are omitted to save time: a compliance in series does not change the sign of the slopes.
+    Mountings are omitted to save time, because a series compliance does not change the sign of a slope.
     """
 
     def one(row: Array) -> tuple[Array, Array]:

@@ -1,8 +1,8 @@
 """Convert a muscle to plain data with units in the keys, and back.
 
-The unit of each number is in its declaration (`famjax.parameter`, `famjax.parameters.number`), and the
-class of each part is in its annotation. There is no table of classes, so a card can also contain
-user-defined classes.
+The unit of each number is taken from its declaration (`famjax.parameter`, `famjax.parameters.number`),
+and the class of each part from its annotation. There is no fixed table of classes, so a card can also
+contain user-defined classes.
 """
 
 import dataclasses
@@ -33,7 +33,7 @@ class Form(NamedTuple):
     """Required form of one entry.
 
     Attributes:
-        field: name of the constructor's argument.
+        field: name of the argument to the constructor.
         annotation: type of a number, or base class of a part.
         is_part: True for a part, False for a number.
         optional: True if None is allowed.
@@ -48,7 +48,7 @@ class Form(NamedTuple):
 
 
 Forms = dict[str, Form]
-"""Forms by the key of their entry, in the order of the constructor's arguments."""
+"""Form of each entry by its key, in the order of the constructor's arguments."""
 
 _GEOMETRY = {"geometry": Form("geometry", geometries.AbstractGeometry, is_part=True)}
 _TERMS = {"terms": Form("terms", terms.AbstractForceTerm, is_part=True, many=True)}
@@ -65,12 +65,12 @@ def muscle_as_dict(muscle: AbstractMuscle) -> dict[str, Any]:
 
 
 def muscle_from_dict(card: dict[str, Any], *, own: Own = ()) -> AbstractMuscle:
-    """Build a muscle from a card's data in JAX's precision; enable float64 to keep every digit.
+    """Build a muscle from the data in a card, in JAX's precision; enable float64 to keep every digit.
 
     Args:
         card: output of `muscle_as_dict`.
-        own: trusted modules and classes, such as `("my_rubber",)` or `(Gent,)`; no other module outside
-            famjax is imported.
+        own: trusted modules and classes, such as `("my_rubber",)` or `(Gent,)`. No other module from
+            outside famjax is imported.
 
     Raises:
         InputError: an entry is missing or unexpected, a type is unknown or not trusted, or the values do
@@ -82,7 +82,7 @@ def muscle_from_dict(card: dict[str, Any], *, own: Own = ()) -> AbstractMuscle:
 
 @functools.cache
 def forms_of(cls: type) -> Forms:
-    """Return the forms of the entries of a class.
+    """Return the form of each entry for a class.
 
     Raises:
         InputError: a field is neither a declared number nor a part.
@@ -98,8 +98,9 @@ def forms_of(cls: type) -> Forms:
         is_part = isinstance(kind, type) and issubclass(kind, eqx.Module)
         if spec is None and kind not in _PLAIN and not is_part:
             raise InputError(
-                f"a card cannot store the field {field.name!r} of {cls.__name__}: declare a number and "
-                "its unit with famjax.parameter or famjax.parameters.number, and a part with its class"
+                f"a card cannot store the field {field.name!r} of {cls.__name__}: if the field is a "
+                "number, declare it and its unit with famjax.parameter or famjax.parameters.number; if "
+                "it is a part, annotate it with the class of the part"
             )
         unit = spec.unit if spec is not None and isinstance(spec.unit, str) else ""
         found[_key(field.name, unit)] = Form(field.name, kind, is_part, optional, many)
@@ -107,13 +108,13 @@ def forms_of(cls: type) -> Forms:
 
 
 def _key(name: str, unit: str) -> str:
-    """Return the key of a number: `rate_N_per_m` for N/m, `compliance_per_N` for 1/N."""
+    """Return the key for a number, such as `rate_N_per_m` for N/m or `compliance_per_N` for 1/N."""
     said = f"per_{unit[2:]}" if unit.startswith("1/") else unit.replace("/", "_per_")
     return f"{name}_{said}" if said else name
 
 
 def _muscle_forms(*, usual: bool) -> Forms:
-    """Return a muscle's forms: material and deadband, or else its terms."""
+    """Return the forms for a muscle, with either material and deadband, or its terms."""
     usual_term: Any = terms.PressurisedBraid
     return _GEOMETRY | (_MATERIAL | forms_of(usual_term) if usual else _TERMS)
 
@@ -122,7 +123,7 @@ def _muscle_forms(*, usual: bool) -> Forms:
 
 
 def _written(part: Any, where: str) -> dict[str, Any]:
-    """Convert a part to an object with its type and fields."""
+    """Convert a part to a JSON object with its type and fields."""
     forms = forms_of(type(part))
     if isinstance(part, Muscle):
         usual = [terms.BladderWall, terms.PressurisedBraid]
@@ -145,11 +146,11 @@ def _written(part: Any, where: str) -> dict[str, Any]:
 
 
 def _type_written(cls: type) -> str:
-    """Return the name of a famjax class, or `module:Class` for others."""
+    """Return the name of a class in famjax, or `module:Class` for any other class."""
     if cls.__module__ in {f"famjax.{room}" for room in _ROOMS}:
         return cls.__name__
     if "<locals>" in cls.__qualname__:
-        raise InputError(f"{cls.__name__} is defined in a function: define it in a module")
+        raise InputError(f"{cls.__name__} is defined in a function: define it at module level")
     return class_path(cls)
 
 
@@ -157,9 +158,11 @@ def _type_written(cls: type) -> str:
 
 
 def _read(card: Any, base: type, where: str, own: Own) -> Any:
-    """Build the part that an object describes."""
+    """Build the part that a JSON object describes."""
     if not isinstance(card, dict):
-        raise InputError(f"{where} in the muscle card must be an object in braces, got {card!r}")
+        raise InputError(
+            f"{where} in the muscle card must be a JSON object in braces, got {card!r}"
+        )
     cls = _type_read(card.get("type"), base, where, own)
     forms = _muscle_forms(usual="terms" not in card) if cls is Muscle else forms_of(cls)
     missing = [key for key in forms if key not in card]
@@ -186,7 +189,7 @@ def _read(card: Any, base: type, where: str, own: Own) -> Any:
 
 
 def _type_read(name: Any, base: type, where: str, own: Own) -> type:
-    """Return the class that a card names, if it is allowed there."""
+    """Return the class named in a card, if it is allowed at this place."""
     if isinstance(name, str) and ":" in name:
         what = f"type of {where} in the card"
         check_trusted(name, own, what)
@@ -206,7 +209,7 @@ def _type_read(name: Any, base: type, where: str, own: Own) -> type:
 
 
 def _number(value: Any, annotation: Any, where: str, _own: Own) -> Any:
-    """Convert a value to a Boolean, a whole number or an array, as its field is annotated."""
+    """Convert a value to a Boolean, a whole number or an array, as annotated for its field."""
     if annotation in (bool, int):
         if type(value) is annotation:
             return value

@@ -1,6 +1,7 @@
-"""Inverse maps and control: pressures for forces, joints and tracked lengths.
+"""Inverse maps and control: pressures required for forces, joint torques and tracked lengths.
 
-Every function accepts a batch and returns a code instead of raising an exception; see `Outcome`.
+Every function accepts a batch of states, and returns a code instead of raising an exception; see
+`Outcome`.
 """
 
 import lazy_loader

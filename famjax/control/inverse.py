@@ -1,4 +1,4 @@
-"""Pressure required for a force, and roots of functions that may not be monotone."""
+"""Find the pressure required for a force, and the roots of functions that may not be monotone."""
 
 import enum
 from collections.abc import Callable
@@ -18,10 +18,10 @@ ROUNDED = 64  # rounding allowance in units of eps times the largest value
 
 
 class Outcome(enum.IntEnum):
-    """Outcome of an inverse map; `message` is a sentence with a remedy.
+    """Outcome of an inverse map; `message` describes the problem and its remedy.
 
     Results contain the outcome as an integer array `code`, so one infeasible point does not affect the
-    rest of a batch. `FEASIBLE` is 0. `str(outcome)` is its name, a colon and its message;
+    rest of a batch. `FEASIBLE` is 0. `str(outcome)` returns the name, a colon and the message.
     `Outcome.words` converts one code or an array of codes to names.
 
     >>> print(Outcome(2).name, "/", Outcome.FEASIBLE)
@@ -33,7 +33,7 @@ class Outcome(enum.IntEnum):
     message: str
 
     def __new__(cls, code: int, message: str) -> "Outcome":
-        """Create a code with its message."""
+        """Create an outcome from its code and message."""
         made = int.__new__(cls, code)
         made._value_, made.message = code, message
         return made
@@ -41,29 +41,29 @@ class Outcome(enum.IntEnum):
     FEASIBLE = 0, "the requested value is attained"
     FORCE_LOW = (
         1,
-        "the force is too low for the allowed pressures: request a larger one, or shorten the muscle",
+        "the force is too low for the allowed pressures: request a larger force, or shorten the muscle",
     )
     FORCE_HIGH = (
         2,
-        "the force is too high for the allowed pressures: request a smaller one, or lengthen the muscle",
+        "the force is too high for the allowed pressures: request a smaller force, or lengthen the muscle",
     )
     STIFFNESS_LOW = (
         3,
-        "the stiffness is too low for this torque: the result has the least stiffness",
+        "the stiffness is too low for this torque: the result has the lowest possible stiffness",
     )
     STIFFNESS_HIGH = (
         4,
-        "the stiffness is too high for this torque: the result has the largest stiffness",
+        "the stiffness is too high for this torque: the result has the highest possible stiffness",
     )
     TORQUE_LOW = (
         5,
-        "the torque is too low for the taut pair at this angle: request a larger torque",
+        "the torque is too low for this angle with both muscles taut: request a larger torque",
     )
     TORQUE_HIGH = (
         6,
-        "the torque is too high for the taut pair at this angle: request a smaller torque",
+        "the torque is too high for this angle with both muscles taut: request a smaller torque",
     )
-    SLACK = 7, "a muscle is too short to reach the least pull at this angle: lengthen its path"
+    SLACK = 7, "at this angle, a muscle is too short to exert the minimum force: lengthen its path"
     NO_STATE = (
         8,
         "the force is undefined at this length (see muscle.length_range()), or an input is nan",
@@ -78,10 +78,10 @@ class Outcome(enum.IntEnum):
 
     @classmethod
     def words(cls, codes: Any) -> np.ndarray:
-        """Convert an untraced integer or array of integers to names in an array of the same shape.
+        """Convert an untraced integer or integer array to an array of names with the same shape.
 
         Raises:
-            ValueError: a number is not a code.
+            ValueError: an integer is not a valid code.
         """
         given = np.asarray(codes)
         names = [cls(code).name for code in given.ravel().tolist()]
@@ -98,7 +98,8 @@ class Crossing(NamedTuple):
         at: the position. If the value is not reached, the station with the nearest value; nan if no
             station has a finite value.
         found: True if the value is reached.
-        lowest, highest: extreme values at the stations, nan if none is finite; not differentiated.
+        lowest, highest: lowest and highest values at the stations; nan if none is finite. They are not
+            differentiated.
     """
 
     at: RealArray
@@ -111,11 +112,11 @@ def first_crossing(function: Callable, stations: RealArray, target: RealArray) -
     """Find the first position between stations where a function reaches a target value.
 
     The search bisects the first cell whose end values bracket the target, to machine precision. A
-    target that lies outside all values only by rounding is found at the nearest station.
+    target that lies outside all values only because of rounding is found at the nearest station.
 
     Args:
-        function: f(x) of a scalar. Derivatives with respect to other variables follow from the implicit
-            function theorem, to any order.
+        function: f(x) of a scalar. The implicit function theorem provides derivatives of any order with
+            respect to other variables.
         stations: increasing x, shape (n,); not differentiated.
         target: target value, shape ().
     """
@@ -152,13 +153,13 @@ def bracketed(
 ) -> RealArray:
     """Find a bracketed root by bisection, differentiable by the implicit function theorem.
 
-    Without a root in the bracket, some point of the bracket is returned.
+    If the bracket contains no root, some point in the bracket is returned.
 
     Args:
-        residual: r(x) of a scalar, of order one in the bracket.
-        low: lower end, shape ().
-        high: upper end, shape ().
-        falls: True if the residual falls from the lower to the upper end.
+        residual: r(x) of a scalar, with values of order one in the bracket.
+        low: lower end of the bracket, shape ().
+        high: upper end of the bracket, shape ().
+        falls: True if the residual decreases from the lower to the upper end.
     """
     low, high = jax.lax.stop_gradient((low, high))
     width = jnp.where(high == low, 1.0, high - low)
@@ -177,8 +178,8 @@ class InversePressure(eqx.Module):
     """Pressure required for a force; every field has the broadcast shape of the arguments.
 
     Attributes:
-        pressure: P [Pa] within the limits. If the force is not attained, the pressure with the nearest
-            force; nan if the muscle has no state.
+        pressure: P [Pa] within the limits. If the force cannot be attained, the pressure with the nearest
+            force; nan if the force is undefined.
         force: force [N] at this pressure.
         code: an `Outcome`: FEASIBLE, FORCE_LOW, FORCE_HIGH or NO_STATE.
     """
@@ -193,9 +194,10 @@ def pressure_for_force(
 ) -> InversePressure:
     """Find the lowest pressure at which a muscle pulls with a given force at a given length.
 
-    The solution of F(L, P) = F is bracketed in 16 cells between the limits and bisected to machine
-    precision, so the force need not be monotone in pressure. A muscle can only pull: a negative force
-    returns FORCE_LOW and the pressure with the least force. A force of zero returns the onset pressure.
+    The solution of F(L, P) = F is bracketed in one of 16 cells between the limits and then bisected to
+    machine precision, so the force need not be monotone in pressure. A muscle can only pull: for a
+    negative force, the function returns FORCE_LOW and the pressure with the least force. For a force of
+    zero, it returns the onset pressure.
 
     Args:
         muscle: object with `force(length, pressure)`.
@@ -204,9 +206,9 @@ def pressure_for_force(
         pressures: lowest and highest gauge pressure [Pa], lowest < highest.
 
     Returns:
-        Pressure and code with the broadcast shape of force and length. Differentiable to any order with
-        respect to force, length and every number in the muscle by the implicit function theorem. Where
-        the force is not attained, the pressure does not depend on them.
+        Pressure and code with the broadcast shape of force and length. By the implicit function theorem,
+        the pressure is differentiable to any order with respect to force, length and every number in the
+        muscle. Where the force cannot be attained, the pressure does not depend on them.
 
     >>> import famjax, numpy as np
     >>> braid = famjax.Braid.from_rest(diameter=0.023, braid_angle=1.1, length=0.296)

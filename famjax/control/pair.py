@@ -1,4 +1,4 @@
-"""Antagonistic pairs of muscles on a joint: torque, stiffness, pressures."""
+"""Antagonistic pairs of muscles on a joint: torque, stiffness and pressures."""
 
 import abc
 from collections.abc import Callable
@@ -23,8 +23,8 @@ _ROUNDS = 7  # each narrows the interval to a 16th: 1 part in 1e9 of the curve
 class AbstractPath(eqx.Module):
     """Length of a muscle as a function of the joint angle.
 
-    To define your own path, write a class with `length`. The moment arm r = -dL/d(angle) follows by
-    automatic differentiation. By virtual work, the torque due to a force F is r F.
+    To define your own path, write a class with the method `length`. The moment arm r = -dL/d(angle) is
+    computed by automatic differentiation. By virtual work, the torque due to a force F is r F.
     """
 
     @abc.abstractmethod
@@ -34,17 +34,17 @@ class AbstractPath(eqx.Module):
     def moment_arm(self, angle: Real) -> RealArray:
         """Return the moment arm r = -dL/d(angle) [m], with the angle's shape.
 
-        It is positive if a pull raises the angle.
+        The moment arm is positive if pulling increases the angle.
         """
         angles = as_real(angle)
         return -jax.jvp(self.length, (angles,), (jnp.ones_like(angles),))[1]
 
 
 class Pulley(AbstractPath):
-    """A muscle with a cable over a pulley on the joint: L = L_0 - r angle.
+    """Path of a muscle with a cable over a pulley on the joint: L = L_0 - r angle.
 
     Attributes:
-        radius: moment arm r [m]; positive for a muscle that raises the angle, negative for its
+        radius: moment arm r [m]; positive for a muscle that increases the angle, negative for its
             antagonist.
         middle_length: active length L_0 [m] at angle 0.
 
@@ -71,8 +71,8 @@ class PairPressures(eqx.Module):
         extensor: gauge pressure [Pa] of the extensor.
         stiffness: resulting stiffness K [N m/rad].
         torque: resulting torque [N m].
-        code: an `Outcome`. If it is not FEASIBLE, the pressures belong to the feasible state nearest
-            in torque and then in stiffness; nan if there is none.
+        code: an `Outcome`. If it is not FEASIBLE, the pressures are those of the feasible state that is
+            nearest in torque and then in stiffness; nan if there is no such state.
     """
 
     flexor: RealArray
@@ -88,20 +88,20 @@ class Antagonist(eqx.Module):
         torque = r_f F_f + r_e F_e,   K = -d torque / d angle = sum r^2 dF/dL - F dr/d angle
 
     at constant pressures, with the moment arms r_f > 0 > r_e and the forces F at the path lengths. A
-    muscle that would push is slack, F = 0. Pressures are static; `famjax.plant` models dynamics and
-    friction.
+    muscle that would have to push is slack, F = 0. Pressures are static; `famjax.plant` models dynamics
+    and friction.
 
-    A direct call to a method compiles quickly (about 15 s for a pair of bundled muscles) and runs
+    If you call a method directly, it compiles quickly (about 15 s for a pair of bundled muscles) but runs
     slowly. Inside your own `jax.jit` or `equinox.filter_jit(pair.pressures_for)`, it is fully optimised:
-    compilation takes three times as long, and the program runs three times as fast. Evaluate many
-    states in one call.
+    it takes three times as long to compile, and runs three times as fast. Evaluate many states in one
+    call.
 
     Attributes:
-        flexor: muscle that raises the angle, with `force(length, pressure)`.
-        extensor: the flexor's antagonist.
+        flexor: muscle that increases the angle, with `force(length, pressure)`.
+        extensor: antagonist of the flexor.
         paths: paths of flexor and extensor, such as `Pulley`.
-        pressures: lowest and highest gauge pressure [Pa], shape (2,).
-        least_pull: least pull [N] of both muscles in the inverse maps, >= 0.
+        pressures: lowest and highest allowed gauge pressures [Pa], shape (2,).
+        least_pull: minimum force [N] of each muscle in the inverse maps, >= 0.
 
     References:
         Hogan 1984, IEEE Transactions on Automatic Control 29(8), 681-690: co-contraction sets the
@@ -119,13 +119,14 @@ class Antagonist(eqx.Module):
         return _each(_torque, self, angle, flexor, extensor)
 
     def pressures_for(self, angle: Real, stiffness: Real, torque: Real = 0.0) -> PairPressures:
-        """Return the pressures at which the joint has a given stiffness and torque at an angle.
+        """Return the pressures at which the joint has a given stiffness and torque at a given angle.
 
-        The pressures with this torque form one curve within the pressure limits, from the least pull or
-        pressure of one muscle to the highest pressure of one muscle. K is continuous on the curve, so
-        every stiffness between its extrema is attained. The extrema are located in 32 cells and refined
-        to machine precision. Request an unattainable stiffness to obtain the least or the largest. If
-        several states qualify, the one with the least co-contraction is returned.
+        The pressures that produce this torque form one curve within the pressure limits. It starts where
+        one muscle is at its minimum force or pressure, and ends where one muscle is at the highest
+        pressure. K is continuous along the curve, so every stiffness between its extrema can be attained.
+        The extrema are located on a grid of 32 cells and refined to machine precision. To obtain the
+        lowest or highest possible stiffness, request one that cannot be attained. If several states
+        qualify, the one with the least co-contraction is returned.
 
         Args:
             angle: joint angle [rad].
@@ -133,8 +134,8 @@ class Antagonist(eqx.Module):
             torque: torque of the pair [N m]; 0 for a joint at rest without a load.
 
         Returns:
-            Pressures and code, broadcast shape. Differentiable with respect to all arguments and
-            parameters by the implicit function theorem.
+            Pressures and code, broadcast shape. By the implicit function theorem, they are differentiable
+            with respect to all arguments and parameters.
         """
         return _each(_pressures_for, self, angle, stiffness, torque)
 
@@ -176,7 +177,7 @@ def _arms(pair: Antagonist, angle: RealArray) -> Float[Array, "2"]:
 def _forces(
     pair: Antagonist, angle: RealArray, flexor: RealArray, extensor: RealArray
 ) -> Float[Array, "2 ..."]:
-    """Return unclipped forces [N] at two pressures [Pa]: negative if slack, nan at impossible states."""
+    """Return unclipped forces [N] at two pressures [Pa]: negative if slack, nan in impossible states."""
     lengths = [path.length(angle) for path in pair.paths]
     return of_each(
         lambda one, *at: one.force(*at), (pair.flexor, pair.extensor), lengths, [flexor, extensor]
@@ -191,7 +192,7 @@ def _torque(
 
 
 def _curve(pair: Antagonist, angle: RealArray, torque: RealArray) -> "CoContraction":
-    """Return the curve of pressures with a torque [N m], or with the nearest possible torque."""
+    """Return the curve of pressures that produce a torque [N m], or the nearest possible torque."""
     r_f, r_e = _arms(pair, angle)
     raw = _forces(pair, angle, pair.pressures, pair.pressures)
     limits = _finite(raw)
@@ -221,9 +222,9 @@ def _curve(pair: Antagonist, angle: RealArray, torque: RealArray) -> "CoContract
 def _pressure(
     pair: Antagonist, angle: RealArray, which: int, limits: Float[Array, "2 2"], pull: RealArray
 ) -> RealArray:
-    """Return the pressure [Pa] at which the flexor (0) or the extensor (1) has a given pull [N].
+    """Return the pressure [Pa] at which the flexor (0) or the extensor (1) exerts a given force [N].
 
-    For a pull at or beyond its limit, the result is a limit of the pressure.
+    For a force at or beyond its limits, the result is the pressure limit.
     """
     muscle, length = (pair.flexor, pair.extensor)[which], pair.paths[which].length(angle)
     low, high = jax.lax.stop_gradient(limits[which])
@@ -232,13 +233,13 @@ def _pressure(
 
 
 class CoContraction(eqx.Module):
-    """Curve of pressures at which a pair has a given torque; both pressures rise together along it.
+    """Curve of pressures at which a pair exerts a given torque; along it, both pressures rise together.
 
     Attributes:
         pair: the pair.
         angle: joint angle [rad].
-        torque: torque [N m], the requested one or the nearest possible.
-        start, end: flexor's gauge pressure [Pa] at the ends of the curve.
+        torque: torque [N m], either as requested or the nearest possible.
+        start, end: gauge pressure [Pa] of the flexor at the ends of the curve.
         limits: forces [N] at the lowest and the highest pressure, one row for each muscle.
         code: an `Outcome`: FEASIBLE, TORQUE_LOW or TORQUE_HIGH, or the reason why no curve exists.
     """
@@ -252,7 +253,7 @@ class CoContraction(eqx.Module):
     code: Int[Array, ""]
 
     def pressures(self, share: RealArray) -> tuple[RealArray, RealArray]:
-        """Return the pressures [Pa] of flexor and extensor at a fraction [-] of the curve."""
+        """Return the pressures [Pa] of flexor and extensor at a fraction [-] along the curve."""
         r_f, r_e = _arms(self.pair, self.angle)
         flexor = self.start + share * (self.end - self.start)
         pull = _finite(self.pair.flexor.force(self.pair.paths[0].length(self.angle), flexor))
@@ -260,7 +261,7 @@ class CoContraction(eqx.Module):
         return flexor, _pressure(self.pair, self.angle, 1, self.limits, wanted)
 
     def stiffness(self, share: RealArray) -> RealArray:
-        """Return the stiffness K = -d torque / d angle [N m/rad] at a fraction of the curve."""
+        """Return the stiffness K = -d torque / d angle [N m/rad] at a fraction [-] along the curve."""
         flexor, extensor = self.pressures(share)
 
         def torque(angle: RealArray) -> RealArray:
@@ -270,9 +271,10 @@ class CoContraction(eqx.Module):
         return -jax.jvp(torque, (self.angle,), (jnp.ones_like(self.angle),))[1]
 
     def extremes(self) -> Float[Array, "2"]:
-        """Return the fractions [-] of the curve with the least and largest stiffness; not differentiated.
+        """Return the fractions [-] along the curve at which the stiffness is lowest and highest.
 
-        At an extremum, the stiffness depends on the position only to second order.
+        The fractions are not differentiated: at an extremum, the stiffness depends on the position only
+        to second order.
         """
         held = jax.lax.stop_gradient(self)
         even = jnp.linspace(0.0, 1.0, _SHARES + 1, dtype=self.start.dtype)

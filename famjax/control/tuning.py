@@ -1,4 +1,4 @@
-"""Tune pressure-controller gains and the set-pressure ramp by gradients through uncertain plants."""
+"""Tune the gains and set-pressure ramp of a pressure controller on simulations of uncertain plants."""
 
 import dataclasses
 import itertools
@@ -38,7 +38,7 @@ class Gains(NamedTuple):
     """Tuned quantities.
 
     Attributes:
-        proportional: K_p [1/Pa], as a fraction of the full output.
+        proportional: K_p [1/Pa], with the output as a fraction of full output.
         integral: K_i [1/(Pa s)].
         ramp: ramp of the set pressure [Pa/s].
     """
@@ -60,12 +60,12 @@ class Gains(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Duty:
-    """Task for a controller: steps in set pressure, with strokes at each.
+    """Task for a controller: steps in the set pressure, each followed by strokes.
 
     Attributes:
-        pressures: set pressures [Pa] in order; the first step starts from 0.
+        pressures: set pressures [Pa], in order; the first step starts from 0.
         stroke: stroke of the machine [m].
-        rate: rate of the strokes [m/s].
+        rate: speed of the strokes [m/s].
         settle: time [s] between a step and the strokes.
         limit: pressure [Pa] at which the device trips.
     """
@@ -86,17 +86,17 @@ class Duty:
         if not (pressures_fit and self.rate > 0 and self.stroke > 0 and self.settle > _LATE):
             raise InputError(
                 "set pressures must be above 0 and below the limit, stroke and rate above 0, and the "
-                f"settling time above {_LATE:g} s; got {self}"
+                f"settling time above {_LATE:g} s, got {self}"
             )
 
 
 class Expected(NamedTuple):
-    """Expected behaviour for every plant and set pressure, shape (plants, pressures).
+    """Expected behaviour of every plant at every set pressure, shape (plants, pressures).
 
     Attributes:
-        rms: root mean square pressure error [Pa] during strokes.
+        rms: root mean square pressure error [Pa] during the strokes.
         overshoot: overshoot [Pa] beyond the set pressure before the strokes begin.
-        late: root mean square error [Pa] at the end of the settling time.
+        late: root mean square pressure error [Pa] at the end of the settling time.
         highest: highest pressure [Pa].
         force: mean force [N] during the strokes.
     """
@@ -109,14 +109,14 @@ class Expected(NamedTuple):
 
 
 def drawn_circuits(circuit: Any, count: int = 8, seed: int = 0) -> list[AbstractCircuit]:
-    """Return the circuit and random variations of it, which represent an unmeasured rig.
+    """Return the circuit and random variations of it, which represent a rig that was not measured.
 
-    The distribution is log-uniform: pump and needle valve within 5 %, all other parameters within 30 %,
-    clipped to their ranges.
+    The distribution is log-uniform: pump and needle valve vary within 5 %, and all other parameters
+    within 30 %, clipped to their ranges.
 
     Args:
         circuit: nominal circuit.
-        count: number of circuits, including the nominal one.
+        count: number of circuits, including the nominal circuit.
         seed: random seed.
     """
     rng, found, known = np.random.default_rng(seed), [circuit], circuit.declared()
@@ -133,15 +133,15 @@ def drawn_circuits(circuit: Any, count: int = 8, seed: int = 0) -> list[Abstract
 def expect(
     plants: Sequence[Plant], feed_forwards: np.ndarray, gains: Gains, duty: Duty, seed: int = 0
 ) -> Expected:
-    """Simulate a controller with given gains.
+    """Simulate a controller with the given gains.
 
     Args:
         plants: plants with the same structure, each with one driven muscle.
-        feed_forwards: coefficients of the output that holds a set pressure, one row for each plant;
-            see `PressureController`.
+        feed_forwards: polynomial coefficients of the output that holds a set pressure, one row for each
+            plant; see `PressureController`.
         gains: gains of the controller.
-        duty: task of the controller.
-        seed: random seed of the sensor noise.
+        duty: task for the controller.
+        seed: random seed for the sensor noise.
     """
     found = _figures(*_batched(plants), jnp.asarray(feed_forwards), jnp.log(jnp.array(gains)),
                      *_course(duty, seed))  # fmt: skip
@@ -156,21 +156,21 @@ def tune(
     seed: int = 0,
     progress: Callable[[int, int], Any] | None = None,
 ) -> Gains:
-    """Find the gains and the ramp that best hold the pressure during strokes, over all plants.
+    """Find the gains and the ramp that best hold the pressure during strokes, averaged over all plants.
 
-    Minimises the mean square error during strokes and at the end of the settling time, with penalties
-    for overshoot beyond 8 % of a step and for pressures within 2 psi of the limit. The gradient is
-    computed through the simulation. Sensor noise penalises large gains.
+    Minimises the mean square pressure error during strokes and at the end of the settling time, with
+    penalties for overshoot beyond 8 % of a step and for pressures within 2 psi of the limit. The gradient
+    is computed through the simulation, which includes sensor noise and therefore penalises large gains.
 
     Args:
         plants: as for `expect`.
         feed_forwards: as for `expect`.
-        duty: task of the controller.
-        seed: random seed of the sensor noise.
+        duty: task for the controller.
+        seed: random seed for the sensor noise.
         progress: called with the number of completed steps and the maximum number.
 
     Raises:
-        InputError: no gains hold the set pressures for every plant.
+        InputError: no gains were found that hold the set pressures on every plant.
     """
     arrays, static = _batched(plants)
     course, feed = _course(duty, seed), jnp.asarray(feed_forwards)
@@ -192,14 +192,14 @@ def tune(
     )  # fmt: skip
     if found.fun >= 1e9:
         raise InputError(
-            "found no gains that hold the set pressures: check that the pump or supply can reach them, "
-            "and that the circuit is correct"
+            "found no gains that hold the set pressures: check that the pump or supply can reach these "
+            "pressures, and that the circuit is correct"
         )
     return Gains.per_psi(*np.exp(found.x).tolist())
 
 
 def _batched(plants: Sequence[Plant]) -> tuple[Plant, Plant]:
-    """Return the stacked parameters of plants with the same structure, and their common static part."""
+    """Return the stacked parameters of plants with the same structure, and the static part they share."""
     parts = [eqx.partition(one, eqx.is_array) for one in plants]
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *(one[0] for one in parts)), parts[0][1]
 
@@ -207,7 +207,7 @@ def _batched(plants: Sequence[Plant]) -> tuple[Plant, Plant]:
 def _course(duty: Duty, seed: int) -> tuple[Any, ...]:
     """Return set pressures before and after each step [Pa], rates [m/s], noise [Pa] and numbers of ticks.
 
-    The ticks are counted before the strokes, in a simulated leg and in a whole leg.
+    The three numbers of ticks are those before the strokes, in a simulated leg and in a whole leg.
     """
     whole = duty.stroke / duty.rate
     ready, leg, whole = (round(t / TICK) for t in (_BEFORE + duty.settle, min(_LEG, whole), whole))
@@ -270,7 +270,7 @@ def _figures(arrays: Plant, static: Plant, feed: Array, gains: Array, *course: A
 def _cost(
     arrays: Plant, static: Plant, feed: Array, x: Array, limit: float, *course: Any
 ) -> tuple[Array, Array]:
-    """Return the cost and its gradient with respect to the logarithms of the gains in counts and psi."""
+    """Return the cost and its gradient with respect to the logarithms of the gains (counts and psi)."""
 
     def cost(x: Array) -> tuple[Array, Array]:
         seen = _figures(arrays, static, feed, x + np.log(_PER_COUNT), *course)

@@ -1,6 +1,6 @@
-"""Design of a muscle from a catalogue: braids, bladders, swage tubes and end-fittings.
+"""Design muscles from a catalogue of braids, bladders, swage tubes and end-fittings.
 
-Start with `load_catalogue` and `search`; `size_end_fittings` sizes the swaged ends.
+Start with `load_catalogue` and `search`; `size_end_fittings` calculates the sizes of the swaged ends.
 """
 
 import lazy_loader

@@ -1,17 +1,18 @@
 """Catalogues of braids, bladders and swage tubes, and the swaged end-fittings that join them.
 
-The fitting has two steps: one carries the braid alone, the other the bladder with the braid over
-it. After swaging, the gap between fitting and tube on each side equals the compressed layers:
+The fitting has two steps: one step carries only the braid, the other the bladder with the braid over
+it. After swaging, the gap between fitting and tube on each side equals the thickness of the compressed
+layers:
 
     on the braid:    d = D_bore - 2 t_braid (1 - c_braid)
     on the bladder:  d = D_bore - 2 t_braid - 2 t_bladder (1 - c_bladder)
     D_bore = D_tube - reduction - 2 t_tube
 
-These are equations 2.6 and 2.7 of the reference work. They assume that the die does not change the
-wall of the tube, and that the braid is not compressed where it lies over the far softer rubber. For
-the 7/8 in muscle they give 0.8387 in and 0.7475 in; 0.838 in and 0.748 in are published. A wall that
-keeps its cross-section thickens by 0.0018 in, which on each side is 0.17 of the braid's thickness:
-measure the bore of a swaged tube before trusting the sizes.
+These are equations 2.6 and 2.7 in the reference work. They assume that the die does not change the wall
+thickness of the tube, and that the braid is not compressed where it lies over the far softer rubber. For
+the 7/8 in muscle, the results are 0.8387 in and 0.7475 in; the published values are 0.838 in and 0.748 in.
+If the wall keeps its cross-sectional area, it thickens by 0.0018 in on each side, which is 0.17 of the
+braid's thickness. Measure the bore of a swaged tube before you rely on these sizes.
 
 References:
     Chambers 2021, chapter 2, tables 2.4 and 2.5.
@@ -52,7 +53,8 @@ _Coefficients = Annotated[
 def _check_wall(diameter: float, thickness: float) -> None:
     if not 2 * thickness < diameter:
         raise InputError(
-            f"a wall of {thickness:.4g} m closes a tube of diameter {diameter:.4g} m; check both units"
+            f"twice the wall thickness must be less than the diameter, got {thickness:.4g} m and "
+            f"{diameter:.4g} m; check both units"
         )
 
 
@@ -61,12 +63,12 @@ class CatalogueBraid:
     """A commercial braided sleeve.
 
     Attributes:
-        name: unique in the catalogue.
-        nominal_diameter: diameter [m] at 45 deg.
+        name: name, unique in the catalogue.
+        nominal_diameter: diameter [m] at a braid angle of 45 deg.
         thickness: t_braid [m] where two threads cross.
-        diameter_range: smallest and largest diameter [m], at which the braid jams.
-        boundary_range: usable diameters [m] beyond the jamming range, as stated by the source, or None.
-        n_threads: number n [-] of threads in both families, or None if unknown.
+        diameter_range: smallest and largest diameters [m], at which the braid jams.
+        boundary_range: wider range of usable diameters [m], if the source states one, or None.
+        n_threads: number n [-] of threads in both directions, or None if unknown.
         breaking_load: breaking load [N] of one thread, or None if unknown.
     """
 
@@ -84,9 +86,9 @@ class CatalogueBraid:
         smallest, largest = self.diameter_range
         if not smallest < nominal < largest < straight:
             raise InputError(
-                "diameter_range must be [smallest, largest], contain the nominal diameter and end below "
-                f"nominal / cos(45 deg) = {straight:.4g} m, where the threads run around the muscle; "
-                f"got [{smallest:.4g}, {largest:.4g}] m and a nominal diameter of {nominal:.4g} m"
+                "diameter_range must be [smallest, largest], must contain the nominal diameter and must "
+                f"end below nominal / cos(45 deg) = {straight:.4g} m, where the threads run around the "
+                f"muscle; got [{smallest:.4g}, {largest:.4g}] m and a nominal diameter of {nominal:.4g} m"
             )
 
     def fits(self, diameter: float) -> bool:
@@ -100,7 +102,7 @@ class CatalogueBladder:
     """A commercial rubber tube.
 
     Attributes:
-        name: unique in the catalogue.
+        name: name, unique in the catalogue.
         diameter: outer diameter [m].
         thickness: wall thickness [m].
         coefficients: E_n [Pa] of the rubber for `PolynomialMaterial`, or None if unknown.
@@ -125,7 +127,7 @@ class CatalogueTube:
     """A commercial swage tube, and its reduction in the die.
 
     Attributes:
-        name: unique in the catalogue.
+        name: name, unique in the catalogue.
         outer_diameter: outer diameter [m] before swaging.
         thickness: wall thickness [m] before swaging.
         swage_reduction: reduction of the outer diameter [m] in the die.
@@ -154,14 +156,14 @@ def load_catalogue(paths: Iterable[str | Path] = (), *, bundled: bool = True) ->
 
     Args:
         paths: TOML files in the format of `famjax/data/catalogue.toml`.
-        bundled: False omits the bundled catalogue.
+        bundled: if False, the bundled catalogue is omitted.
 
     Returns:
         The catalogue in SI units.
 
     Raises:
-        InputError: a missing or unknown unit, an unknown key, a value out of range, or a
-            duplicate name; the message states the file and the row.
+        InputError: a unit is missing or unknown, a key is unknown, a value is out of range, or a name is
+            used twice; the message states the file and the row.
 
     >>> catalogue = load_catalogue()
     >>> [braid.name for braid in catalogue.braids]
@@ -176,7 +178,7 @@ def load_catalogue(paths: Iterable[str | Path] = (), *, bundled: bool = True) ->
     for kind, of in rows.items():
         for name, count in collections.Counter(row.name for row in of).items():
             if count > 1:
-                raise InputError(f"the {kind} {name!r} appears twice: remove or rename one")
+                raise InputError(f"the {kind} {name!r} appears twice: remove or rename one of them")
     return Catalogue(*rows.values())
 
 
@@ -221,7 +223,7 @@ def _read(path: "Path | Traversable", where: str) -> dict[str, list[Any]]:
 
 
 def swaged_bore(outer_diameter: Real, thickness: Real, reduction: Real) -> RealArray:
-    """Return the bore D_bore [m] of a swaged tube, D - reduction - 2 t, for an unchanged wall.
+    """Return the bore D_bore [m] of a swaged tube, D - reduction - 2 t, for an unchanged wall thickness.
 
     Args:
         outer_diameter: D [m] before swaging.
@@ -240,12 +242,12 @@ def swaged_bore(outer_diameter: Real, thickness: Real, reduction: Real) -> RealA
 def fitting_diameter_on_braid(
     bore: Real, braid_thickness: Real, braid_compression: Real
 ) -> RealArray:
-    """Return the fitting diameter d [m] under the braid alone, D_bore - 2 t_braid (1 - c_braid).
+    """Return the fitting diameter d [m] under only the braid, D_bore - 2 t_braid (1 - c_braid).
 
     Args:
         bore: D_bore [m] of the tube after swaging.
         braid_thickness: t_braid [m] where two threads cross.
-        braid_compression: c_braid [-], relative reduction of the braid's thickness, in [0, 1).
+        braid_compression: c_braid [-], relative reduction in the thickness of the braid, in [0, 1).
 
     Returns:
         d [m], broadcast shape.
@@ -270,7 +272,7 @@ def fitting_diameter_on_bladder(
         bore: D_bore [m] of the tube after swaging.
         braid_thickness: t_braid [m].
         bladder_thickness: t_bladder [m] at rest.
-        bladder_compression: c_bladder [-], relative reduction of the bladder's thickness, in [0, 1).
+        bladder_compression: c_bladder [-], relative reduction in the thickness of the bladder, in [0, 1).
 
     Returns:
         d [m], broadcast shape.
@@ -287,20 +289,20 @@ def fitting_diameter_on_bladder(
 
 
 BRAID_COMPRESSION, BLADDER_COMPRESSION = 0.17, 0.30
-"""Compressions c [-] in the reference work's first muscle; later muscles have 0.27 in the braid."""
+"""Compressions c [-] in the first muscle of the reference work; later muscles use 0.27 for the braid."""
 
 
 @dataclasses.dataclass(frozen=True)
 class EndFitting:
-    """Dimensions of an inner fitting.
+    """Dimensions of the inner part of an end-fitting.
 
     Attributes:
         tube: swage tube.
         bladder: rubber tube.
-        braid: sleeve.
-        diameter_on_braid: diameter [m] of the step under the braid.
-        diameter_on_bladder: diameter [m] of the step under bladder and braid.
-        bore_stretch: relative stretch [-] of the bladder's bore on the fitting; negative if there
+        braid: braided sleeve.
+        diameter_on_braid: diameter [m] of the step under only the braid.
+        diameter_on_bladder: diameter [m] of the step under the bladder and the braid.
+        bore_stretch: relative stretch [-] of the bladder's bore over the fitting; negative if there
             is clearance.
         feasible: True if the diameter is positive and the bore is not stretched.
     """
@@ -317,7 +319,7 @@ class EndFitting:
 def size_end_fittings(
     catalogue: Catalogue, braid: CatalogueBraid, bladder: CatalogueBladder
 ) -> list[EndFitting]:
-    """Size the inner fitting for a braid and a bladder with every swage tube in a catalogue.
+    """Calculate the inner fitting for a braid and a bladder with each swage tube in a catalogue.
 
     Returns:
         One fitting for each tube, in the order of the catalogue.

@@ -1,4 +1,4 @@
-"""The command `famjax design` and its options `key_unit=value`, converted to SI."""
+"""The command `famjax design`, with options in the form `key_unit=value` that are converted to SI."""
 
 import dataclasses
 import math
@@ -39,41 +39,42 @@ def design(
     units: Units = "metric",
     json_: bool = False,
 ) -> int:
-    """Search a catalogue of braids, bladders and tubes for a muscle that meets a requirement.
+    """Search a catalogue of braids, bladders and tubes for a muscle that meets your requirements.
 
-    Writes `design.json` (Pareto front, refined design with end-fitting, candidates excluded by each limit)
-    and `feasible.csv`. If no candidate is feasible, prints the nearest miss and exits with code 1.
+    Writes `design.json` (Pareto front, refined design with its end-fitting, number of candidates that
+    each requirement excludes) and `feasible.csv`. If no candidate is feasible, prints the nearest miss
+    and exits with code 1.
 
     Parameters
     ----------
     require
-        Requirement as key_unit=value, repeatable: pressure_psi=100 (supply pressure, required),
+        Set a requirement as key_unit=value, repeatable: pressure_psi=100 (supply pressure, required),
         force_lbf=900 (blocked force, or the force at force_stroke_mm=40 or force_contraction=0.1),
         contraction=0.3, stroke_mm=50, largest_diameter_in=2.2, longest_length_mm=400 (between the
         end-fittings), thread_factor=3.
     catalogue
-        Your own catalogue file, repeatable; the bundled catalogue shows the format.
+        Add your own catalogue file, repeatable; the bundled catalogue shows the format.
     bundled
-        Search the bundled catalogue too.
+        Also search the bundled catalogue.
     search
-        Approximate number of candidates, on a grid of rest lengths and pressures for each pair of bladder
-        and braid that can be built.
+        Set the approximate number of candidates. They form a grid of rest lengths and pressures for each
+        pair of bladder and braid that can be built.
     objective
-        Objective for the Pareto front, repeatable. Minimised: outer_diameter, rest_length, pressure, air
-        (free air per stroke). Maximised: force, blocked_force, contraction, stroke. If omitted:
-        outer_diameter, rest_length and air.
+        Choose an objective for the Pareto front, repeatable. Minimised: outer_diameter, rest_length,
+        pressure, air (free air per stroke). Maximised: force, blocked_force, contraction, stroke. If
+        omitted: outer_diameter, rest_length and air.
     vary
-        Search range as key_unit=least:greatest, or a single number to fix the value:
-        rest_length_mm=100:600, pressure_psi=20:100. If omitted, the ranges run from a quarter of the
-        supply pressure and of the longest length (or 500 mm) up to the full value.
+        Set a search range as key_unit=lowest:highest, or fix a value with a single number:
+        rest_length_mm=100:600, pressure_psi=20:100. Each range that is omitted runs from a quarter of the
+        full value to the full value: the supply pressure, or the longest length (500 mm if not set).
     end_fittings
-        Require a swage tube that fits.
+        Require that a swage tube in the catalogue fits.
     output
-        Folder for the files, created if missing.
+        Write the files to this folder; it is created if missing.
     units
-        Units for tables and files: si, metric (mm, kPa, N) or us (in, psi, lbf).
+        Choose the units for tables and files: si, metric (mm, kPa, N) or us (in, psi, lbf).
     json_
-        Print only one JSON object to standard output.
+        Print one JSON object on standard output, and nothing else.
     """
     from famjax.boundary.files import Origin
     from famjax.compilation_cache import start_jax
@@ -85,7 +86,7 @@ def design(
 
     place = Output(output)
     if not 1 <= search < math.inf:
-        raise InputError(f"--search must be >= 1 and finite, as in --search 1e6; got {search}")
+        raise InputError(f"--search must be >= 1 and finite, as in --search 1e6, got {search}")
     requirement = _read(Requirement, require, "--require", "pressure_psi=100")
     varied = _read(_Varied, vary, "--vary", "rest_length_mm=100:600")
     longest = requirement.longest_length if requirement.longest_length < math.inf else _USUAL
@@ -116,7 +117,7 @@ def design(
 
 
 def _narrow(rows: list[dict]) -> list[dict]:
-    """Return the rows without the columns that appear only in the file."""
+    """Return the rows without the columns that are shown only in the file."""
     left = ("tube", "diameter_on", "blocked_force", "thread", "turns")
     return [{key: row[key] for key in row if not key.startswith(left)} for row in rows]
 
@@ -126,19 +127,19 @@ def _narrow(rows: list[dict]) -> list[dict]:
 
 @dataclasses.dataclass(frozen=True)
 class _Varied:
-    """Ranges to search; None if not specified."""
+    """Ranges to search; None if a range is not specified."""
 
     pressure: tuple[float, float] | None = None
     rest_length: tuple[float, float] | None = None
 
 
 def _read(kind: type[_T], entries: Iterable[str], option: str, example: str) -> _T:
-    """Read entries with one number, or two numbers separated by a colon, into a dataclass."""
+    """Read entries with one number, or with two numbers separated by a colon, into a dataclass."""
     given = parse_entries(entries, option, example)
     try:
         numbers = {key: [float(one) for one in text.split(":")] for key, text in given.items()}
     except ValueError as error:
-        raise InputError(f"{option}: {error}; use a number, as in {example}") from None
+        raise InputError(f"{option}: {error}: use a number, as in {example}") from None
     values = {
         key: one * 2 if kind is _Varied and len(one) == 1 else one if len(one) > 1 else one[0]
         for key, one in numbers.items()

@@ -1,4 +1,4 @@
-"""Designs as rows with the unit in each key, and the table of feasible designs."""
+"""Convert designs to rows with units in the keys, and to a table of feasible designs."""
 
 import dataclasses
 import math
@@ -21,14 +21,14 @@ def _entries(source: Mapping[str, Any], kinds: Mapping[str, str], system: str) -
 
 
 def design_rows(found: Search, at: Sequence[int] | NDArray[np.int64], *, system: str) -> list[Row]:
-    """Return candidates from a search as rows; an unknown number is None.
+    """Return candidates from a search as rows, with None for unknown numbers.
 
     Each row lists the parts to buy, the sizes of the end-fitting, the columns of the search, and the
     length and turns of the threads.
 
     Args:
-        found: from `search`.
-        at: indices of candidates, such as `found.front`.
+        found: result of `search`.
+        at: indices of the candidates, such as `found.front`.
         system: "si", "metric" or "us".
     """
     return [
@@ -54,9 +54,9 @@ def _row(found: Search, numbers: Mapping[str, Any], system: str) -> Row:
 
 
 def exclusion_rows(found: Search, *, system: str) -> list[Row]:
-    """Return the number of candidates that each constraint excludes, largest first, and the best value.
+    """Return the number of candidates that each constraint excludes, and the best value found.
 
-    `alone` counts the candidates that meet all other constraints.
+    The largest number comes first. `alone` is the number of candidates that meet all other constraints.
     """
     fails, rows = ~(found.margins >= 0), []  # nan fails
     for k, (name, (column, side)) in enumerate(CONSTRAINTS.items()):
@@ -76,10 +76,10 @@ def exclusion_rows(found: Search, *, system: str) -> list[Row]:
 
 
 def design_document(found: Search, *, system: str) -> dict[str, Any]:
-    """Return the result of a search, without the table of feasible designs, ready for JSON.
+    """Return the result of a search as JSON-ready data, without the table of feasible designs.
 
     Args:
-        found: from `search`.
+        found: result of `search`.
         system: "si", "metric" or "us".
 
     Returns:
@@ -117,12 +117,12 @@ def feasible_table(found: Search, *, system: str) -> bytes:
 
 
 def summary(found: Search, *, system: str) -> list[str]:
-    """Summarise in sentences how many candidates are feasible, and why pairs were excluded.
+    """Return sentences that state how many candidates are feasible and why pairs were excluded.
 
-    If no candidate is feasible, add the number that each constraint excludes.
+    If no candidate is feasible, further sentences state how many of them each constraint excludes.
 
     Args:
-        found: from `search`.
+        found: result of `search`.
         system: "si", "metric" or "us".
     """
     said = [

@@ -1,11 +1,12 @@
-"""Catalogue search: all pairs of bladder and braid on a grid of rest lengths and pressures.
+"""Search a catalogue: every pair of bladder and braid, on a grid of rest lengths and pressures.
 
 One mapped program evaluates the grid and compares it with a `Requirement`. The feasible candidates
-are reduced to a Pareto front, and its most balanced design is refined between the grid points.
+are reduced to a Pareto front. The most balanced design on the front is then refined between the grid
+points.
 
-The braid angle on a bladder follows from cos(theta) / D = cos(45 deg) / D_nominal. As in table 2.3
-of the reference work, D is the bladder's outer diameter: the braid's thickness is neglected in the
-force and counts only in the diameter outside the braid.
+The braid angle on a bladder follows from cos(theta) / D = cos(45 deg) / D_nominal. As in table 2.3 of
+the reference work, D is the outer diameter of the bladder. The thickness of the braid is neglected in
+the force, and is included only in the diameter outside the braid.
 """
 
 import collections
@@ -46,23 +47,23 @@ ATMOSPHERE = 101325.0
 """Standard atmosphere [Pa], the reference pressure of free air."""
 
 LATEX = (257.8 * units.PSI, -57.9 * units.PSI, 32.7 * units.PSI)
-"""Default E_n [Pa]: the reference work's latex (Chambers 2021, chapter 6)."""
+"""Default E_n [Pa]: latex from the reference work (Chambers 2021, chapter 6)."""
 
 COLUMNS = {
     "rest_length": "length", "pressure": "pressure", "braid_angle": "angle", "blocked_force": "force",
     "force": "force", "contraction": "number", "stroke": "length", "outer_diameter": "length",
     "air": "volume", "thread_factor": "number",
 }  # fmt: skip
-"""Columns for a candidate, and the quantity of each, which sets its unit; see `Search`."""
+"""Columns for a candidate, each with its kind of quantity, which determines the unit; see `Search`."""
 
 OBJECTIVES: dict[str, Literal["least", "most"]] = {
     **dict.fromkeys(("outer_diameter", "rest_length", "pressure", "air"), "least"),
     **dict.fromkeys(("force", "blocked_force", "contraction", "stroke"), "most"),
 }
-"""Available objectives, and whether the least or the most value is best."""
+"""Available objectives, and whether the lowest ("least") or highest ("most") value is best."""
 
 DEFAULT_OBJECTIVES = ("outer_diameter", "rest_length", "air")
-"""Size of the muscle and air per stroke."""
+"""Default objectives: the size of the muscle and the air used per stroke."""
 
 CONSTRAINTS: dict[str, tuple[str, Literal["least", "most"]]] = {
     "force": ("force", "least"),
@@ -72,10 +73,10 @@ CONSTRAINTS: dict[str, tuple[str, Literal["least", "most"]]] = {
     "longest_length": ("rest_length", "most"),
     "thread_factor": ("thread_factor", "least"),
 }
-"""Column compared with each requirement; "least" is a lower limit, "most" an upper one."""
+"""Column compared with each requirement; "least" is a lower limit and "most" an upper limit."""
 
 FRONT_STEP = 0.01
-"""Smallest relative difference between two designs on the front."""
+"""Minimum relative difference between two designs on the front."""
 
 _ZOOMS, _STEPS = 20, 41  # nested grids of the refinement, and points along each axis
 _ALWAYS = ("force", "contraction")  # every muscle must pull and contract
@@ -85,7 +86,7 @@ _ALWAYS = ("force", "contraction")  # every muscle must pull and contract
 
 
 def fam_angle(diameter: Real, nominal_diameter: Real) -> RealArray:
-    """Braid angle theta [rad] on a muscle, from cos(theta) / D = cos(45 deg) / D_nominal.
+    """Return the braid angle theta [rad] on a bladder, from cos(theta) / D = cos(45 deg) / D_nominal.
 
     Jamming is neglected; see `CatalogueBraid.fits`.
 
@@ -94,7 +95,7 @@ def fam_angle(diameter: Real, nominal_diameter: Real) -> RealArray:
         nominal_diameter: D_nominal [m] of the braid at 45 deg.
 
     Returns:
-        theta [rad], from the circumference, broadcast shape; nan where D > sqrt(2) D_nominal.
+        theta [rad], measured from the circumference, broadcast shape; nan where D > sqrt(2) D_nominal.
 
     References:
         Chambers 2021, section 2.2 and table 2.3.
@@ -107,13 +108,13 @@ def fam_angle(diameter: Real, nominal_diameter: Real) -> RealArray:
 
 
 class Combination(Parametrised):
-    """A bladder under a braid; instances can be stacked leaf by leaf for `jax.vmap`.
+    """A bladder inside a braid; instances can be stacked leaf by leaf for `jax.vmap`.
 
     Attributes:
         bladder_diameter: outer diameter D0 [m], on which the threads lie.
         bladder_thickness: wall thickness t0 [m].
         nominal_diameter: braid diameter [m] at 45 deg.
-        braid_thickness: thickness [m] of the braid, neglected in the force.
+        braid_thickness: thickness [m] of the braid, which is neglected in the force.
         largest_diameter: diameter [m] at which the shortened braid jams.
         material: stress law of the bladder.
         n_threads: number of threads [-]; nan if unknown.
@@ -135,7 +136,7 @@ class Combination(Parametrised):
     def of(
         cls, bladder: CatalogueBladder, braid: CatalogueBraid, coefficients: Sequence[float]
     ) -> "Combination":
-        """Combine two catalogue rows and the bladder's E_n [Pa], at a length of 1 m."""
+        """Combine a bladder and a braid from a catalogue with the bladder's E_n [Pa], for a 1 m length."""
         return cls(
             bladder.diameter, bladder.thickness, braid.nominal_diameter, braid.thickness,
             braid.diameter_range[1], PolynomialMaterial(coefficients),
@@ -144,12 +145,12 @@ class Combination(Parametrised):
 
     @property
     def braid_angle(self) -> RealArray:
-        """Initial braid angle theta0 [rad], from the circumference; see `fam_angle`."""
+        """Initial braid angle theta0 [rad], measured from the circumference; see `fam_angle`."""
         return fam_angle(self.bladder_diameter, self.nominal_diameter)
 
     @property
     def muscle(self) -> Muscle:
-        """The muscle as a cylinder; the braid's thickness is neglected."""
+        """The muscle as a cylinder, in which the thickness of the braid is neglected."""
         braid = Braid.from_rest(
             diameter=self.bladder_diameter, braid_angle=self.braid_angle, length=self.rest_length
         )
@@ -163,24 +164,25 @@ class Combination(Parametrised):
         return jnp.maximum(1 - jnp.sin(jammed) / jnp.sin(self.braid_angle), 0.0)
 
     def outer_diameter(self, contraction: Real) -> RealArray:
-        """Return the diameter [m] outside the braid at a contraction [-]; nan where the braid jams."""
+        """Return the diameter [m] outside the braid at a contraction [-]; nan if the braid has jammed."""
         length, free = self._length(contraction)
         geometry: Any = self.muscle.geometry
         return jnp.where(free, geometry.braid.diameter(length) + 2 * self.braid_thickness, jnp.nan)
 
     def force(self, contraction: Real, pressure: Real) -> RealArray:
-        """Return the force F [N] at a contraction [-] and gauge pressure P [Pa]; nan where the braid jams.
+        """Return the force F [N] at a contraction [-] and gauge pressure P [Pa].
 
-        The force is not clipped: it is negative beyond the free contraction.
+        The force is nan where the braid has jammed. It is not clipped, so it is negative beyond the free
+        contraction.
         """
         length, free = self._length(contraction)
         return jnp.where(free, self.muscle.force(length, pressure), jnp.nan)
 
     def usable_contraction(self, pressure: Real) -> RealArray:
-        """Return the contraction [-] at zero force, or at jamming if that comes first, for one pressure.
+        """Return the contraction [-] at which the force falls to zero or the braid jams, for one pressure.
 
-        It is found by bisection, with derivatives from the implicit function theorem, and is nan if the
-        pressure is too low to move the bladder.
+        The smaller of the two contractions is found by bisection, with derivatives from the implicit
+        function theorem. It is nan if the pressure is too low to move the bladder.
         """
         greatest = self.jam_contraction
         scale = jax.lax.stop_gradient(self.force(0.0, pressure))
@@ -193,7 +195,7 @@ class Combination(Parametrised):
         return jnp.where(scale > 0, found, jnp.nan)
 
     def _length(self, contraction: Real) -> tuple[RealArray, Array]:
-        """Return the length [m] and a mask of states without jamming; jammed states get the rest length."""
+        """Return the length [m] and a mask of unjammed states. Where the braid has jammed, L is L0."""
         at = as_real(contraction)
         free = at <= self.jam_contraction + 8 * jnp.finfo(self.rest_length.dtype).eps
         return self.rest_length * (1 - jnp.where(free, at, 0.0)), free
@@ -204,19 +206,20 @@ class Combination(Parametrised):
 
 @dataclasses.dataclass(frozen=True)
 class Requirement:
-    """Requirements for a muscle; zero or infinity means no requirement.
+    """Requirements for a muscle; a value of zero or infinity means that there is no requirement.
 
     Attributes:
         pressure: supply gauge pressure P [Pa], > 0.
-        force: least force [N], >= 0, at `force_contraction` and at `force_stroke`.
-        contraction: least contraction [-], a fraction in [0, 1).
-        largest_diameter: largest diameter [m] outside the braid at the required contraction and
+        force: minimum force [N], >= 0, at `force_contraction` and at `force_stroke`.
+        contraction: minimum contraction [-], a fraction in [0, 1).
+        largest_diameter: maximum diameter [m] outside the braid at the required contraction and
             stroke.
         force_contraction: contraction [-] at which `force` is required; 0 for blocked force.
         force_stroke: travel [m] from the rest length at which `force` is required, >= 0.
-        stroke: least travel [m], >= 0.
-        longest_length: largest rest length [m] between the end-fittings.
-        thread_factor: least ratio [-] of a thread's breaking load to its tension at zero contraction.
+        stroke: minimum travel [m], >= 0.
+        longest_length: maximum rest length [m] between the end-fittings.
+        thread_factor: minimum ratio [-] of the breaking load of a thread to its tension at zero
+            contraction.
     """
 
     pressure: float
@@ -247,11 +250,11 @@ class Requirement:
 
 @dataclasses.dataclass(frozen=True)
 class BuildablePair:
-    """A bladder under a braid, with its end-fitting.
+    """A bladder inside a braid, with its end-fitting.
 
     Attributes:
-        bladder: row of the catalogue.
-        braid: row of the catalogue.
+        bladder: bladder from the catalogue.
+        braid: braid from the catalogue.
         fitting: end-fitting in the tube with the thickest wall that fits, or None if none is required.
     """
 
@@ -266,22 +269,22 @@ class Search:
 
     Columns have the shape (candidates,) and SI units: `pair`, an index into `pairs`; `rest_length`
     L0 [m]; `pressure` P [Pa]; `braid_angle` theta0 [rad] from the circumference; `blocked_force` [N];
-    `force` [N] where it is required; usable `contraction` [-], to zero force or jamming; `stroke`
-    [m]; `outer_diameter` [m] and `air` [m3] at the required contraction; `thread_factor` [-], nan if
-    unknown.
+    `force` [N] at the contraction where it is required; usable `contraction` [-], up to zero force or
+    jamming; `stroke` [m]; `outer_diameter` [m] and `air` [m3] at the required contraction;
+    `thread_factor` [-], nan if unknown.
 
     Attributes:
-        requirement: as given.
+        requirement: requirement that was passed to `search`.
         ranges: ranges of rest length [m] and pressure [Pa].
-        objectives: as given.
+        objectives: objectives that were passed to `search`.
         pairs: pairs that can be built.
-        left_out: number of excluded pairs by reason.
-        columns: columns of all candidates.
-        margins: relative margin for each of `CONSTRAINTS`, shape (candidates, constraints). Negative
-            if the constraint is violated; nan if the braid jams first or the value is unknown.
-        front: indices of the candidates on the Pareto front, the most balanced first.
-        refined: columns of the most balanced design, refined between the grid points, and its `gain`,
-            the reduction in the sum of balanced costs; None if no candidate is feasible.
+        left_out: number of excluded pairs for each reason.
+        columns: columns for all candidates.
+        margins: relative margin for each of `CONSTRAINTS`, shape (candidates, constraints). It is negative
+            if the constraint is violated, and nan if the braid jams first or the value is unknown.
+        front: indices of the candidates on the Pareto front, starting with the most balanced design.
+        refined: columns for the most balanced design after refinement between the grid points, and its
+            `gain`, the reduction in the weighted sum of costs; None if no candidate is feasible.
     """
 
     requirement: Requirement
@@ -301,7 +304,7 @@ class Search:
 
     @property
     def nearest(self) -> NDArray[np.int64]:
-        """Index of the candidate whose worst shortfall is smallest, shape (1,) or (0,)."""
+        """Index of the candidate with the smallest worst-case shortfall, shape (1,) or (0,)."""
         missed = np.clip(np.nan_to_num(-self.margins, nan=1.0), 0.0, 1.0)
         worst, together = (np.round(one, 6) for one in (missed.max(axis=-1), missed.sum(axis=-1)))
         return np.lexsort((together, worst))[:1]
@@ -321,23 +324,24 @@ def search(
     """Find the Pareto front over all pairs in a catalogue, rest lengths and pressures.
 
     Args:
-        catalogue: from `load_catalogue`.
-        requirement: in SI units; its pressure is the highest available.
-        rest_length: least and greatest active length L0 [m]; two equal values fix it.
-        pressure: least and greatest gauge pressure P [Pa]. If omitted, from a quarter of the
-            requirement's pressure to the full value.
-        about: largest number of candidates, but at least one for each pair.
-        objectives: names from `OBJECTIVES`; fewer objectives give a shorter front.
+        catalogue: catalogue from `load_catalogue`.
+        requirement: requirement in SI units; its pressure is the highest that is available.
+        rest_length: lowest and highest rest length L0 [m]; two equal values fix it.
+        pressure: lowest and highest gauge pressure P [Pa]. If omitted, the range is from a quarter of the
+            pressure in the requirement to the full value.
+        about: maximum number of candidates; there is always at least one for each pair.
+        objectives: names from `OBJECTIVES`; with fewer objectives, the front is shorter.
         coefficients: E_n [Pa] for bladders whose rubber is not in the catalogue; (0.0,) neglects the
-            rubber.
-        end_fittings: True if a swage tube must fit. The fitting tube with the thickest wall is used.
+            stress in the rubber.
+        end_fittings: True if a swage tube must fit. Of the tubes that fit, the one with the thickest
+            wall is used.
 
     Returns:
         The candidates and the front, which is empty if no candidate is feasible.
 
     Raises:
-        InputError: an unknown objective, a pressure above the requirement's pressure, a number out
-            of range, or a catalogue without swage tubes.
+        InputError: an objective is unknown, a pressure exceeds that in the requirement, a number is out
+            of range, or the catalogue has no swage tubes.
 
     >>> from famjax.design import Requirement, load_catalogue
     >>> found = search(
@@ -350,7 +354,7 @@ def search(
     wanted = tuple(objectives)
     if not wanted or len({*wanted} & {*OBJECTIVES}) < len(wanted):
         raise InputError(
-            f"objectives must be one or more of {', '.join(OBJECTIVES)}, without repetition; got "
+            f"objectives must be one or more of {', '.join(OBJECTIVES)}, each at most once; got "
             f"{', '.join(map(repr, wanted)) or 'none'}"
         )
     if about < 1:
@@ -360,12 +364,12 @@ def search(
     for (name, (low, high)), unit in zip(ranges.items(), ("m", "Pa"), strict=True):
         if not 0 < low <= high < math.inf:
             raise InputError(
-                f"the {name} range must satisfy 0 < least <= greatest, got {low:.6g} to {high:.6g} {unit}"
+                f"the {name} range must satisfy 0 < lowest <= highest, got {low:.6g} to {high:.6g} {unit}"
             )
     if ranges["pressure"][1] > greatest * (1 + 1e-9):  # the same pressure in two units
         raise InputError(
-            f"the pressure range ends at {ranges['pressure'][1]:.6g} Pa, above the required "
-            f"pressure of {greatest:.6g} Pa: lower the range or raise the requirement"
+            f"the pressure range ends at {ranges['pressure'][1]:.6g} Pa, above the required supply "
+            f"pressure of {greatest:.6g} Pa: lower the range, or raise the required supply pressure"
         )
     pairs, left_out = _buildable_pairs(catalogue, requirement, end_fittings=end_fittings)
     share = about // max(1, len(pairs))
@@ -400,14 +404,14 @@ def search(
 def _buildable_pairs(
     catalogue: Catalogue, requirement: Requirement, *, end_fittings: bool
 ) -> tuple[list[BuildablePair], dict[str, int]]:
-    """Return the pairs that can be built, and the number of other pairs by reason.
+    """Return the pairs that can be built, and the number of excluded pairs for each reason.
 
     Raises:
         InputError: end-fittings are required, but the catalogue has no tubes.
     """
     if end_fittings and not catalogue.tubes:
         raise InputError(
-            "the catalogue has no swage tubes: add [[tube]] rows, or search without end-fittings"
+            "the catalogue contains no swage tubes: add [[tube]] rows, or search without end-fittings"
         )
     pairs, left_out = [], collections.Counter()
     for braid in catalogue.braids:
@@ -427,7 +431,7 @@ def _buildable_pairs(
 
 
 def _stacked(pairs: Sequence[BuildablePair], coefficients: Sequence[float]) -> Combination:
-    """Stack the pairs, with all laws of the same order."""
+    """Stack the pairs, and extend all bladder laws to the same order."""
     rubber = [list(p.bladder.coefficients or coefficients) for p in pairs]
     order = max(map(len, rubber))
     each = [
@@ -440,10 +444,10 @@ def _stacked(pairs: Sequence[BuildablePair], coefficients: Sequence[float]) -> C
 def _performance(
     pair: Combination, usable: RealArray, pressure: RealArray, asked: Mapping[str, Any]
 ) -> Float[Array, " numbers"]:
-    """Return the values of `COLUMNS`, then the margins of `CONSTRAINTS`, for one pair at P [Pa].
+    """Return the values for `COLUMNS`, then the margins for `CONSTRAINTS`, for one pair at P [Pa].
 
-    Outer diameter and air are evaluated at the required contraction, or at the usable contraction if
-    that is less. The free air for an isothermal stroke is ((P + P_a) V - P_a V0) / P_a.
+    The outer diameter and the air are evaluated at the required contraction, or at the usable contraction
+    if that is smaller. The free air for an isothermal stroke is ((P + P_a) V - P_a V0) / P_a.
     """
     muscle, rest = pair.muscle, pair.rest_length
     at = jnp.minimum(jnp.maximum(asked["contraction"], asked["stroke"] / rest), usable)
@@ -503,7 +507,7 @@ def _grid(
 
 
 def costs_of(columns: Mapping[str, NDArray], objectives: Sequence[str]) -> Floats:
-    """Return the costs to minimise: signed logs of the objectives, clipped to +-1000, (n, objectives)."""
+    """Return the costs to minimise, signed logs of the objectives clipped to +-1000, (n, objectives)."""
     signs = [1.0 if OBJECTIVES[name] == "least" else -1.0 for name in objectives]
     with np.errstate(divide="ignore", invalid="ignore"):
         logs = [np.log(np.asarray(columns[name], dtype=np.float64)) for name in objectives]
@@ -511,19 +515,19 @@ def costs_of(columns: Mapping[str, NDArray], objectives: Sequence[str]) -> Float
 
 
 def front_members(costs: Floats, step: float = 0.0) -> NDArray[np.int64]:
-    """Select candidates on the Pareto front, at least a relative step apart.
+    """Select candidates on the Pareto front that are at least a relative step apart.
 
-    The cost space is divided into boxes of width log(1 + step). Each non-dominated box contributes
-    its candidate with the least sum of costs. No candidate dominates a selected one, and for every
-    candidate there is a selected one that is worse by at most `step` in each objective. With step = 0,
-    the result is the whole front; of equal candidates, the first is kept.
+    The cost space is divided into boxes of width log(1 + step). In each non-dominated box, the candidate
+    with the lowest sum of costs is selected. No candidate dominates a selected one. For every candidate,
+    there is a selected one that is worse by at most `step` in each objective. If `step` is 0, the whole
+    front is returned, with the first of any candidates that are equal.
 
     Args:
-        costs: from `costs_of`, (n, objectives).
+        costs: costs from `costs_of`, shape (n, objectives).
         step: relative step [-], >= 0.
 
     Returns:
-        Increasing indices into `costs`.
+        Indices into `costs`, in increasing order.
 
     References:
         Laumanns, Thiele, Deb & Zitzler 2002, Evolutionary Computation 10(3): epsilon-dominance.
@@ -543,9 +547,9 @@ def front_members(costs: Floats, step: float = 0.0) -> NDArray[np.int64]:
 
 
 def balance(costs: Floats) -> Floats:
-    """Return the cost weights 1 / (range on the front), shape (objectives,).
+    """Return the weights of the costs, 1 / (range on the front), shape (objectives,).
 
-    The balanced design minimises the weighted sum.
+    The most balanced design is the one with the lowest weighted sum.
     """
     span = np.ptp(costs, axis=0)
     return 1 / np.where(span > 0, span, 1.0)
@@ -554,9 +558,9 @@ def balance(costs: Floats) -> Floats:
 def _refined(
     found: Search, costs: Floats, first: int, pairs: Combination | None, asked: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Minimise the weighted costs near the first design on the front, for the same pair.
+    """Minimise the weighted sum of costs near the first design on the front, for the same pair.
 
-    Each grid is centred on the best design so far and is a quarter as wide as the last one.
+    Each grid is centred on the best design found so far, and is a quarter as wide as the previous grid.
     """
     pair = int(found.columns["pair"][first])
     own = jax.tree.map(lambda values: values[pair : pair + 1], pairs)

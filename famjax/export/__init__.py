@@ -1,4 +1,4 @@
-"""Export muscles to C, tables, MATLAB and Simulink, MuJoCo, MJX and StableHLO."""
+"""Export muscles to C, FMU, tables, Python, MATLAB and Simulink, MuJoCo, MJX and StableHLO."""
 
 import lazy_loader
 

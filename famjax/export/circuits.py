@@ -1,4 +1,4 @@
-"""Export a muscle's plant as C source with a volume table, and as an FMI 2.0 FMU."""
+"""Export the plant of a muscle as C source with a table of volumes, and as an FMI 2.0 FMU."""
 
 import hashlib
 import importlib.resources
@@ -29,9 +29,9 @@ def numbers_in_lines(values: Iterable[float], *, number: str = "R({})", end: str
     """Format the numbers of a table as lines of source code.
 
     Args:
-        values: the numbers.
+        values: numbers to format.
         number: format of each number.
-        end: continuation after the comma of each line but the last.
+        end: continuation after the comma on each line except the last.
     """
     words = [number.format(repr(float(value))) for value in values]
     rows = (", ".join(words[k : k + _WIDTH]) for k in range(0, len(words), _WIDTH))
@@ -42,13 +42,13 @@ def plant_words(subject: Subject) -> dict[str, Any]:
     """Return the substitutions for the plant templates.
 
     Raises:
-        InputError: the circuit or friction has no C code, or the muscle has no volume.
+        InputError: there is no C code for the circuit or the friction, or the muscle has no volume.
     """
     plant: Any = subject.plant
     if type(plant.circuit) not in (PneumaticCircuit, HydraulicCircuit):
         raise InputError(
-            f"a plant with a {type(plant.circuit).__name__} cannot be exported: use famjax's air or water "
-            "circuit"
+            f"a plant with a {type(plant.circuit).__name__} cannot be exported: use the air or water "
+            "circuit from famjax"
         )
     circuit = {name: getattr(plant.circuit, name) for name in plant.circuit.__dataclass_fields__}
     if circuit.get("relief", 0.0) is None:  # no valve: zero conductance
@@ -68,12 +68,12 @@ def plant_words(subject: Subject) -> dict[str, Any]:
 
 
 def resting_signal(plant: Plant) -> float:
-    """Return the signal at which nothing moves: valve closed or pump at rest."""
+    """Return the signal at which nothing moves: the valve is closed, or the pump is at rest."""
     return float(getattr(plant.circuit, "bias", 0.0))
 
 
 def _friction(friction: Any) -> tuple[list[str], dict[str, Any]]:
-    """Return the definitions of a friction model and the substitutions for its memory."""
+    """Return the definitions for a friction model, and the substitutions for its memory."""
     none = {"MEMORY": 1, "THRESHOLDS": "", "STRENGTHS": ""}
     if friction is None:
         return [], none
@@ -106,10 +106,10 @@ def _defined(letter: str, numbers: Mapping[str, Any]) -> list[str]:
 
 
 def filled(template: str, values: Mapping[str, Any]) -> bytes:
-    """Fill in the `@WORDS@` in a file from the folder `templates`.
+    """Replace the `@WORDS@` in a file from the folder `templates` with their values.
 
     Raises:
-        KeyError: a word has no value.
+        KeyError: no value is given for a word.
     """
     room = importlib.resources.files(__name__.rpartition(".")[0]) / "templates"
     text = (room / template).read_text(encoding="utf-8")
@@ -120,11 +120,11 @@ _COMPILER = ("gcc", "-std=c99", "-O2", "-shared", "-fPIC", "-fvisibility=hidden"
 
 
 def fmu(subject: Subject, sources: Mapping[str, bytes]) -> bytes:
-    """Build the archive: description, sources, and a Linux binary if gcc is available.
+    """Build the FMU archive: description, sources, and a Linux binary if gcc is available.
 
     Args:
         subject: muscle with its plant.
-        sources: C files of muscle and plant, by name.
+        sources: C files for the muscle and the plant, by name.
 
     References:
         FMI 2.0.4, Modelica Association, 2022.
@@ -151,7 +151,7 @@ def fmu(subject: Subject, sources: Mapping[str, bytes]) -> bytes:
 
 
 def _binary(name: str, files: Mapping[str, bytes]) -> dict[str, bytes]:
-    """Compile the shared library; return {} if that fails, for example without C headers."""
+    """Compile the shared library; return {} if that fails, for example because C headers are missing."""
     with tempfile.TemporaryDirectory() as folder:
         for one, content in files.items():
             (Path(folder) / Path(one).name).write_bytes(content)

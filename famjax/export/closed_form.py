@@ -1,6 +1,6 @@
-"""The closed-form equations of a muscle as readable MATLAB and Python (NumPy) code.
+"""Write the closed-form equations of a muscle as readable MATLAB and Python (NumPy) code.
 
-Statements are written with Python operators; for MATLAB, a dot is added to the arithmetic operators.
+Statements use Python operators; for MATLAB, these are converted to element-wise operators.
 """
 
 import re
@@ -18,8 +18,9 @@ class ClosedForm(NamedTuple):
     """Numbers and statements that compute the force G of a muscle in SI.
 
     Attributes:
-        numbers: value and description with unit, by name.
-        statements: names and expressions in order, in L, P and earlier names; the last is G.
+        numbers: value of each number and its description with the unit, by name.
+        statements: names and expressions in order. An expression contains L, P and names from earlier
+            statements; the last name is G.
     """
 
     numbers: dict[str, tuple[float, str]]
@@ -27,7 +28,7 @@ class ClosedForm(NamedTuple):
 
 
 Stress = tuple[dict[str, tuple[float, str]], str]
-"""Parameters of a law, and the stress as an expression in the strains e and o."""
+"""Parameters of a bladder law, and the stress as an expression in the strains e and o."""
 
 
 def _polynomial(law: materials.PolynomialMaterial) -> Stress:
@@ -46,7 +47,7 @@ def _saturating(law: materials.SaturatingMaterial) -> Stress:
 
 
 def _ogden(pairs: Iterable[tuple[Any, Any]]) -> Stress:
-    """Write rubber laws as sums of Ogden terms, each with a modulus mu and an exponent alpha."""
+    """Write a bladder law as a sum of Ogden terms, each with a modulus mu and an exponent alpha."""
     numbers, terms = {}, []
     for k, (modulus, exponent) in enumerate(pairs, 1):
         numbers[f"mu_{k}"] = (float(modulus), "Pa, bladder law")
@@ -62,15 +63,15 @@ _STRESSES: Mapping[type, Callable[[Any], Stress]] = {
     materials.MooneyRivlinMaterial: lambda law: _ogden([(2 * law.c10, 2.0), (-2 * law.c01, -2.0)]),
     materials.NeoHookeanMaterial: lambda law: _ogden([(law.shear_modulus, 2.0)]),
 }
-"""Laws with a closed form: stress for the strain e in its own direction and o in the other."""
+"""Laws with a closed form: stress as a function of strain e in its own direction and o in the other."""
 
 
 def closed_form(muscle: AbstractMuscle) -> ClosedForm | None:
-    """Return the equations of a muscle; None if it has no closed form and only a table can be exported.
+    """Return the equations of a muscle; None if it has no closed form, so only a table can be exported.
 
     Args:
-        muscle: it has a closed form if it is a cylinder, with or without rounded ends, with
-            inextensible or linearly elastic threads, a bladder law and a pressurised braid.
+        muscle: muscle to write. It has a closed form if it is a cylinder, with or without rounded ends,
+            with inextensible or linearly elastic threads, a bladder law and a pressurised braid.
     """
     if not isinstance(muscle, Muscle):
         return None
@@ -91,8 +92,8 @@ def closed_form(muscle: AbstractMuscle) -> ClosedForm | None:
     numbers = {
         "L0": (bladder.rest_length, "m, rest length"),
         "B0": (braid.rest_thread_length, "m, thread length"),
-        "N": (braid.turns, "-, turns of one thread"),
-        "V": (bladder.volume, "m^3, volume of rubber"),
+        "N": (braid.turns, "-, number of turns of one thread"),
+        "V": (bladder.volume, "m^3, rubber volume"),
         "r0": (bladder.rest_mid_radius, "m, mid-wall radius at rest"),
         "P_d": (terms[PressurisedBraid].deadband_pressure, "Pa, deadband"),
     }
@@ -119,14 +120,14 @@ def closed_form(muscle: AbstractMuscle) -> ClosedForm | None:
 
 
 def matlab_lines(form: ClosedForm) -> tuple[str, str]:
-    """Format numbers and statements as MATLAB code."""
+    """Format the numbers and statements as MATLAB code."""
     numbers, statements = python_lines(form)
     lines = [f"{re.sub(r'[*]{2}|[*/]', _dotted, one.strip())};" for one in statements.split("\n")]
     return re.sub("  # ", "; % ", numbers), "\n".join(lines)
 
 
 def python_lines(form: ClosedForm) -> tuple[str, str]:
-    """Format numbers and statements as Python code, with the statements in a function body."""
+    """Format the numbers and statements as Python code; the statements form a function body."""
     numbers = [f"{name} = {value!r}  # {about}" for name, (value, about) in form.numbers.items()]
     return "\n".join(numbers), "\n    ".join(f"{name} = {text}" for name, text in form.statements)
 

@@ -1,4 +1,4 @@
-"""MuJoCo and MJX: callbacks for muscles, a simulation step with muscles, a model with a hanging load."""
+"""MuJoCo and MJX: muscle callbacks, a simulation step with muscles, and a model with a hanging load."""
 
 import ctypes
 import inspect
@@ -32,7 +32,7 @@ _SHARE = 0.5, 2 / 3  # load as a fraction of the blocked force, pressure as one 
 
 
 class CompiledPull:
-    """The force from the exported C code in a shared library, faster than the table in Python.
+    """Force computed by the exported C code in a shared library, faster than the table in Python.
 
     Attributes:
         force: F [N] at a length [m] and a gauge pressure [Pa].
@@ -50,11 +50,11 @@ class CompiledPull:
 
 
 class CompiledPlant:
-    """A muscle and its circuit from the exported C code in a shared library.
+    """A muscle and its circuit, computed by the exported C code in a shared library.
 
     Attributes:
         state: pressure [Pa], openings of the valve or pump and of the dump valve, length [m] at the end of
-            the last step, and friction, as in the C code.
+            the last step, and state of the friction, as in the C code.
     """
 
     def __init__(self, library: str | Path, name: str) -> None:
@@ -83,14 +83,14 @@ class CompiledPlant:
         self._step(self.state, signal, dump, length, velocity, dt)
 
     def pull(self, length: float, velocity: float) -> float:
-        """Force [N], including friction and viscous loss."""
+        """Return the force [N], including friction and viscous loss."""
         return self._pull(self.state, length, velocity)
 
 
 def _check_actuators(
     mujoco: Any, model: Any, named: Mapping[int, str], offsets: Mapping[str, float]
 ) -> None:
-    """Reject actuators through which a muscle would exert no force."""
+    """Raise an error for actuators through which a muscle would exert no force."""
     for number, name in named.items():
         if model.actuator_biastype[number] != mujoco.mjtBias.mjBIAS_USER:
             raise ValueError(f'the actuator {name} must have biastype="user" to exert a force')
@@ -100,26 +100,28 @@ def _check_actuators(
         if fixed and name not in offsets:
             raise ValueError(
                 f"the tendon of {name} is fixed, so its length is 0 at zero joint angle: pass the length "
-                f"of the muscle there as an offset, install(model, pulls, {{'{name}': 0.27}})"
+                f"of the muscle at that angle as an offset, install(model, pulls, {{'{name}': 0.27}})"
             )
 
 
 def install(
     model: Any, pulls: Mapping[str, Any], offsets: Mapping[str, float] | None = None
 ) -> None:
-    """Drive MuJoCo actuators with the forces of muscles; the control is the gauge pressure [Pa].
+    """Make MuJoCo actuators exert the forces of muscles; the control is the gauge pressure [Pa].
 
-    The length of a muscle is the actuator length, that of its tendon. With `dyntype="filter"`, the
-    actuator state is the pressure. MuJoCo has one such callback per process: a later call replaces it,
-    and `uninstall` removes it. Actuators in other models then exert no force.
+    The length of a muscle is the actuator length, which is the length of its tendon. With
+    `dyntype="filter"`, the actuator state is the pressure. MuJoCo has one set of callbacks per process: a
+    later call replaces them, and `uninstall` removes them. While they are installed, user actuators in
+    other models exert no force.
 
     Args:
-        model: `mujoco.MjModel` with an actuator of `gainprm="0" biastype="user"` for each muscle.
-        pulls: muscle by actuator name, any object with `force(length, pressure)`. For a `CompiledPlant`,
-            the actuator needs `dyntype="user"` and an `actdim` equal to the size of the plant's state. The
-            control is the valve or pump signal, 0 to 1; a negative control opens the dump valve.
-        offsets: length of a muscle minus that of its tendon [m], by actuator name; 0 by default. A tendon
-            of type `fixed` has zero length at zero joint angle.
+        model: `mujoco.MjModel` with an actuator that has `gainprm="0" biastype="user"` for each muscle.
+        pulls: muscle for each actuator name: any object with `force(length, pressure)`. For a
+            `CompiledPlant`, the actuator needs `dyntype="user"`, and `actdim` must equal the size of the
+            plant's state. Its control is the valve or pump signal, 0 to 1; a negative control opens the
+            dump valve.
+        offsets: length of each muscle minus the length of its tendon [m], by actuator name; 0 by default.
+            A tendon of type `fixed` has zero length at zero joint angle.
     """
     mujoco: Any = import_module("mujoco")  # an optional package without types
 
@@ -206,23 +208,23 @@ def mjx_step(
     model: "mjx.Model", data: "mjx.Data", muscles: Mapping[int, tuple[AbstractMuscle, Real]],
     offsets: Mapping[int, Real] | None = None,
 ) -> "mjx.Data":  # fmt: skip
-    """Advance MJX by one step; the muscle forces follow from the tendon lengths at its start.
+    """Advance MJX by one step, with muscle forces computed from the tendon lengths before the step.
 
-    Can be jitted, scanned, vmapped, and differentiated with respect to every parameter of the muscles.
-    MJX has no user actuators: use a motor with gain 1 on the tendon, without limits.
+    The function can be jitted, scanned, vmapped, and differentiated with respect to every parameter of
+    the muscles. MJX has no user actuators: use a motor with gain 1 on the tendon, without limits.
 
     Args:
         model: MJX model.
         data: MJX state.
-        muscles: muscle and gauge pressure [Pa] by actuator number.
-        offsets: length of a muscle minus that of its tendon [m], by actuator number; 0 by default. A
-            tendon of type `fixed` has zero length at zero joint angle.
+        muscles: muscle and gauge pressure [Pa], by actuator number.
+        offsets: length of each muscle minus the length of its tendon [m], by actuator number; 0 by
+            default. A tendon of type `fixed` has zero length at zero joint angle.
 
     Returns:
         The state after the step.
 
     Raises:
-        ValueError: a `fixed` tendon has no offset, so the muscle would have no length.
+        ValueError: there is no offset for a `fixed` tendon, so the length of the muscle is unknown.
     """
     mujoco: Any = import_module("mujoco")
     from mujoco import mjx  # noqa: PLC0415 -- an optional package
@@ -235,7 +237,7 @@ def mjx_step(
         if fixed and number not in (offsets or {}):
             raise ValueError(
                 f"the tendon of actuator {number} is fixed, so its length is 0 at zero joint angle: pass "
-                f"the length of the muscle there as an offset, offsets={{{number}: 0.27}}"
+                f"the length of the muscle at that angle as an offset, offsets={{{number}: 0.27}}"
             )
         length = placed.ten_length[which] + (offsets or {}).get(number, 0.0)
         control = control.at[number].set(-muscle.force(length, pressure))
@@ -248,9 +250,9 @@ def mjx_step(
 
 
 def mujoco_files(subject: Subject) -> dict[str, bytes]:
-    """Write `NAME.xml` with user actuators, and `NAME_mujoco.py`, which needs only MuJoCo.
+    """Write `NAME.xml` with a user actuator, and `NAME_mujoco.py`, which needs only MuJoCo.
 
-    With a plant, the actuator state is the plant's state, and the module contains `CompiledPlant`.
+    If there is a plant, the actuator state is its state, and the module contains `CompiledPlant`.
     """
     name, rest = subject.identifier, _at_rest(subject)
     actuator, key = 'gainprm="0" biastype="user" ctrllimited="true" ', f'ctrl="{rest.pressure}"'
@@ -268,7 +270,7 @@ def mujoco_files(subject: Subject) -> dict[str, bytes]:
 
 
 def table_words(subject: Subject) -> dict[str, str]:
-    """Return the substitutions for a Python module with a table."""
+    """Return the substitutions for a Python module that contains a table."""
     return {
         "HEADING": docstring(subject.about_table),
         "PLAIN": Path(plain.__file__).read_text(encoding="utf-8"),
@@ -277,17 +279,19 @@ def table_words(subject: Subject) -> dict[str, str]:
 
 
 _WRITTEN = (CompiledPull, CompiledPlant, _check_actuators, install, _set_callbacks, uninstall)
-"""Code copied into the exported module."""
+"""Code that is copied into the exported module."""
 
 
 def mjx_files(subject: Subject) -> dict[str, bytes]:
-    """Write `NAME_mjx.xml` with a motor, the card, and `NAME_mjx.py`, a step that needs famjax.
+    """Write `NAME_mjx.xml` with a motor, the card, and `NAME_mjx.py`, whose step function needs famjax.
 
     Raises:
         InputError: the muscle has no card.
     """
     if subject.card is None:
-        raise InputError("an MJX model needs a card: without one, use famjax.export.mjx_step")
+        raise InputError(
+            "an MJX model requires a card: without one, call famjax.export.mjx_step instead"
+        )
     name, rest, text = (
         subject.identifier,
         _at_rest(subject),
@@ -304,7 +308,7 @@ def mjx_files(subject: Subject) -> dict[str, bytes]:
 
 
 class _Rest(NamedTuple):
-    """A load of half the blocked force [N], a pressure [Pa], and the length [m] at which the load hangs."""
+    """A load of half the blocked force [N], a pressure [Pa], and the length [m] under that load."""
 
     load: float
     pressure: float
@@ -318,7 +322,7 @@ def _at_rest(subject: Subject) -> _Rest:
 
 
 def _hanging_load(subject: Subject, rest: _Rest, actuator: str, key: str) -> bytes:
-    """Build a model of a hanging load, with attributes of the actuator and of the keyframe at rest."""
+    """Build a model with a hanging load, given the attributes of its actuator and its keyframe at rest."""
     stiffness = subject.pull.stiffness(rest.length, rest.pressure)
     return filled("hanging_load.xml", {
         "MODEL": quoteattr(subject.name), "name": subject.identifier,
@@ -330,5 +334,5 @@ def _hanging_load(subject: Subject, rest: _Rest, actuator: str, key: str) -> byt
 
 
 def docstring(lines: Iterable[str]) -> str:
-    """Join lines for a Python docstring, and replace characters that would end it."""
+    """Join lines to a Python docstring, and replace characters that would end it."""
     return "\n".join(lines).replace("\\", "/").replace('"', "'")

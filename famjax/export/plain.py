@@ -1,6 +1,7 @@
-"""Compute the force of a muscle from a table, in plain Python floats; only this file is needed.
+"""Compute the force of a muscle from a table in plain Python floats, using only this file.
 
-Exported modules contain this file's text. The C source and the MATLAB functions use the same formulas.
+The text of this file is copied into exported modules. The C source and the MATLAB functions use the same
+formulas.
 """
 
 from bisect import bisect_right
@@ -19,18 +20,18 @@ class TabulatedPull:
         G(L, P) = H(L, P_c) + H_P(L, P_c) y(P - P_c) + S(L)           P_c: P clipped to the table
         F = taut(G)
 
-    Inside the table, F is the bicubic Hermite interpolant of force, slopes and mixed slope: C1, and
-    exact at the nodes. y is a line that may bend towards a limit, S is the force of stops, and taut
-    clips at zero with a narrow blend: see `famjax.continuation.SafeMuscle`. SI units, gauge pressure,
-    scalars.
+    Inside the table, F is the bicubic Hermite interpolant of the force, its slopes and its mixed slope: C1,
+    and exact at the nodes. y is a line that may bend towards a limit, S is the force of the stops, and
+    taut clips at zero with a narrow blend; see `famjax.continuation.SafeMuscle`. All values are scalars
+    in SI units, with gauge pressure.
     """
 
     def __init__(self, table: Mapping[str, Any]) -> None:
         """Create the muscle from its table.
 
         Args:
-            table: nodes `length_m` and `pressure_Pa`, ascending; at each pair `force_N`,
-                `stiffness_N_per_m`, `area_m2` and `mixed_m`, with one row per length; `stops_m`,
+            table: nodes `length_m` and `pressure_Pa`, ascending; for each pair of nodes `force_N`,
+                `stiffness_N_per_m`, `area_m2` and `mixed_m`, with one row per length; also `stops_m`,
                 `stop_stiffness_N_per_m`, `stop_onset_m`, `length_ends_per_m`,
                 `pressure_ends_per_Pa`, `slack_width_N`, `pressure_limit_Pa`.
         """
@@ -49,28 +50,29 @@ class TabulatedPull:
         self.pressure_limit = table["pressure_limit_Pa"]
 
     def force(self, length: float, pressure: float) -> float:
-        """Static force F [N], >= 0, at any length [m] and gauge pressure [Pa]."""
+        """Return the static force F [N], >= 0, at any length [m] and gauge pressure [Pa]."""
         return _taut(self.model(length, pressure)[0], self.slack_width)[0]
 
     def model_force(self, length: float, pressure: float) -> float:
-        """Model force G [N], not clipped: negative where the muscle is slack."""
+        """Return the model force G [N], not clipped: it is negative where the muscle is slack."""
         return self.model(length, pressure)[0]
 
     def stiffness(self, length: float, pressure: float) -> float:
-        """Axial stiffness dF/dL [N/m] at constant pressure."""
+        """Return the axial stiffness dF/dL [N/m] at constant pressure."""
         force, stiffness, _ = self.model(length, pressure)
         return _taut(force, self.slack_width)[1] * stiffness
 
     def area(self, length: float, pressure: float) -> float:
-        """dF/dP [m2] at constant length."""
+        """Return dF/dP [m2] at constant length."""
         force, _, area = self.model(length, pressure)
         return _taut(force, self.slack_width)[1] * area
 
     def pressure(self, length: float, force: float) -> float:
-        """Lowest gauge pressure [Pa], from 0 to the limit, at which the muscle exerts a force [N].
+        """Return the lowest gauge pressure [Pa] at which the muscle exerts a force [N].
 
-        0 if the force at zero pressure is larger; the limit, twice the highest pressure in the table, if
-        the force is never reached. For a force <= 0, the highest pressure at which the muscle is slack.
+        The result is 0 if the force at zero pressure is larger. If the force is never reached, it is the
+        pressure limit, which is twice the highest pressure in the table. For a force <= 0, it is the
+        highest pressure at which the muscle is slack.
         """
         if isnan(force + length):
             return nan
@@ -87,7 +89,7 @@ class TabulatedPull:
         return 0.5 * (low + high)
 
     def model(self, length: float, pressure: float) -> tuple[float, float, float]:
-        """(G [N], dG/dL [N/m], dG/dP [m2]): model force, not clipped, and its slopes."""
+        """Return the model force G [N], not clipped, and its slopes dG/dL [N/m] and dG/dP [m2]."""
         held = min(max(length, self.lengths[0]), self.lengths[-1])
         at = min(max(pressure, self.pressures[0]), self.pressures[-1])
         force, stiffness, area, mixed = self._within(held, at)
@@ -109,7 +111,7 @@ class TabulatedPull:
         return force, stiffness, area
 
     def _within(self, length: float, pressure: float) -> tuple[float, float, float, float]:
-        """Force, slopes along length and pressure, and mixed slope inside the table."""
+        """Return force, slopes along length and pressure, and mixed slope at a state inside the table."""
         i, h, u = _cell(self.lengths, length)
         j, g, v = _cell(self.pressures, pressure)
         (a, b), (c, d) = self.rows[i][j : j + 2], self.rows[i + 1][j : j + 2]
@@ -123,7 +125,7 @@ class TabulatedPull:
 
 
 def _cell(nodes: Sequence[float], value: float) -> tuple[int, float, float]:
-    """Index and width of the cell that contains a value, and the value's position in it, 0 to 1."""
+    """Return the index and width of the cell that contains a value, and the position in it, 0 to 1."""
     k = min(bisect_right(nodes, value, 1, len(nodes) - 1) - 1, len(nodes) - 2)
     width = nodes[k + 1] - nodes[k]
     return k, width, (value - nodes[k]) / width
@@ -132,7 +134,7 @@ def _cell(nodes: Sequence[float], value: float) -> tuple[int, float, float]:
 def _cubic(
     start: float, end: float, rate: float, end_rate: float, width: float, u: float
 ) -> tuple[float, float]:
-    """Value and slope of the cubic with these values and slopes at the ends of a cell."""
+    """Return value and slope of the cubic with the given values and slopes at the ends of a cell."""
     rise, p, q = end - start, width * rate, width * end_rate
     square, cube = 3 * rise - 2 * p - q, p + q - 2 * rise
     value = start + u * (p + u * (square + u * cube))
@@ -140,7 +142,7 @@ def _cubic(
 
 
 def _bent(step: float, ends: Sequence[float]) -> tuple[float, float]:
-    """A step that bends towards a limit, and its slope; `ends` are 1/limit below and above."""
+    """Return a step that bends towards a limit, and its slope; `ends` are 1/limit below and above."""
     inverse = ends[0] if step < 0 else ends[1]
     way = inverse * abs(step)
     if not way > _STRAIGHT:
@@ -151,7 +153,7 @@ def _bent(step: float, ends: Sequence[float]) -> tuple[float, float]:
 
 
 def _taut(force: float, width: float) -> tuple[float, float]:
-    """The force clipped at zero, with a cubic blend up to a width; and its slope."""
+    """Return the force clipped at zero, with a cubic blend up to a width, and its slope."""
     if force <= 0:
         return 0.0, 0.0
     if force < width:

@@ -1,4 +1,4 @@
-"""Muscles for export, their tables for small targets, and the errors of these tables."""
+"""Muscles to export, their tables for small targets, and the errors of these tables."""
 
 import dataclasses
 import functools
@@ -24,7 +24,7 @@ from ..plant import Plant
 from .plain import TabulatedPull
 
 CLOSE = 5e-8
-"""Largest interpolation error along either axis, relative to the largest force in the region."""
+"""Maximum interpolation error along either axis, relative to the largest force in the region."""
 
 _MOST = {"length": 257, "pressure": 65}
 _FIRST = {"length": 9, "pressure": 2}
@@ -37,12 +37,12 @@ Numbers = Float[np.ndarray, "..."]
 
 
 class TableErrors(NamedTuple):
-    """Errors of a table relative to its model at random states.
+    """Errors of a table compared with its model at random states.
 
     Attributes:
-        largest_force: largest force in the region [N], the reference of the errors.
+        largest_force: largest force in the region [N], to which the errors are relative.
         force: largest force error in the region [-].
-        force_beyond: largest force error for lengths and pressures from 0 to twice their maximum [-].
+        force_beyond: largest force error for lengths and pressures from 0 to twice their maxima [-].
     """
 
     largest_force: float
@@ -79,23 +79,23 @@ class Subject:
 
     @property
     def identifier(self) -> str:
-        """Name for C, MATLAB and files: lower-case letters, digits and underscores."""
+        """Name used in C, MATLAB and file names: lower-case letters, digits and underscores."""
         plain = re.sub(r"[^a-z0-9]+", "_", self.name.lower()).strip("_")
         return plain if plain[:1].isalpha() else f"muscle_{plain}".strip("_")
 
     @functools.cached_property
     def table(self) -> dict[str, Any]:
-        """Table of the muscle, see `tabulated`."""
+        """Table for the muscle, see `tabulated`."""
         return tabulated(self.muscle)
 
     @functools.cached_property
     def pull(self) -> TabulatedPull:
-        """Force from the table, in plain floats."""
+        """Muscle whose force is computed from the table, in plain floats."""
         return TabulatedPull(self.table)
 
     @functools.cached_property
     def errors(self) -> TableErrors:
-        """Errors of the table relative to the model at random states."""
+        """Errors of the table compared with the model at random states."""
         rng, half, region = np.random.default_rng(0), _STATES // 2, self.muscle.region
         L, P = (
             np.concatenate([rng.uniform(low, high, half), rng.uniform(0, _LIMIT * high, half)])
@@ -108,13 +108,13 @@ class Subject:
 
     @property
     def about(self) -> list[str]:
-        """Header lines of every file: muscle, origin, region."""
+        """Header lines for every file: muscle, origin and region."""
         L, P = self.muscle.region.length, self.muscle.region.pressure
         lines = [
             f"{self.name}, exported by famjax {__version__} with jax {jax.__version__}",
             *self.origin,
             f"same as the model from {L[0]:.6g} to {L[1]:.6g} m and {P[0]:.6g} to {P[1]:.6g} Pa, "
-            "continued beyond",
+            "continued beyond this region",
         ]
         if self.plant is None and self.muscle.hysteresis is not None:
             lines.append("static map: the card's hysteresis is omitted")
@@ -127,25 +127,25 @@ class Subject:
 
     @property
     def about_table(self) -> list[str]:
-        """Header lines of a file with the table, including the errors of the table."""
+        """Header lines for a file with the table, including the errors of the table."""
         off = self.errors
         return [
             *self.about,
             f"largest difference from the model at {_STATES} random states, relative to the "
             f"largest force, {off.largest_force:.6g} N:",
             f"  {off.force:.1e} in that region, {off.force_beyond:.1e} up to twice its lengths and "
-            "pressures; rounding in the target program adds to these",
+            "pressures; rounding in the target program is not included",
         ]
 
 
 def read_subject(
     source: str | Path, *, length: float | None = None, origin: Origin | None = None, own: Own = ()
 ) -> Subject:
-    """Read the muscle from a card file, or a bundled muscle by name.
+    """Read a muscle to export from a card file, or a bundled muscle by name.
 
     Args:
         source: file written by `famjax card`, or the name of a bundled muscle.
-        length: rest length [m] to cut the muscle to; unchanged by default.
+        length: rest length [m] to which the muscle is cut; unchanged by default.
         origin: date and command to record in the files.
         own: trusted modules and classes, as in `famjax.cards.read_card`.
 
@@ -169,14 +169,14 @@ def made_of(name: str, content: bytes, origin: Origin | None = None) -> tuple[st
 def tabulated(muscle: SafeMuscle) -> dict[str, Any]:
     """Tabulate the static map of a safe muscle for `TabulatedPull`, as plain lists in SI.
 
-    A cell is halved until the cubic between its ends is accurate to `CLOSE` of the largest force,
+    Each cell is halved until the cubic between its ends is accurate to `CLOSE` times the largest force,
     everywhere along the other axis. A model that is affine in the pressure needs only two pressures.
 
     Args:
         muscle: safe muscle; its hysteresis is omitted.
 
     Raises:
-        InputError: the table would need too many nodes, the force is not finite somewhere, or JAX uses
+        InputError: the table would need too many nodes, the force is not finite everywhere, or JAX uses
             float32.
     """
     check_float64()
@@ -194,7 +194,7 @@ def tabulated(muscle: SafeMuscle) -> dict[str, Any]:
 
 
 def tabulated_volume(muscle: SafeMuscle) -> tuple[dict[str, Numbers], Numbers]:
-    """Return nodes `length` and `pressure`, and V [m3], dV/dL, dV/dP, d2V/dLdP there, shape (4, n, m).
+    """Return the nodes `length` and `pressure`, and V [m3], dV/dL, dV/dP, d2V/dLdP there, shape (4, n, m).
 
     Raises:
         InputError: see `tabulated`, or the model has no geometry.
@@ -203,7 +203,7 @@ def tabulated_volume(muscle: SafeMuscle) -> tuple[dict[str, Numbers], Numbers]:
 
 
 def _nodes(muscle: Any, of: str, region: Region) -> tuple[dict[str, Numbers], Numbers]:
-    """Refine the nodes until the cubic in each cell is accurate; return value and slopes there."""
+    """Refine the nodes until the cubic in each cell is accurate; return nodes, values and slopes."""
     ends = {name: np.asarray(getattr(region, name), float) for name in ("length", "pressure")}
     nodes = {name: np.linspace(low, high, _FIRST[name]) for name, (low, high) in ends.items()}
     scale = float(np.abs(_slopes(muscle, of, *np.meshgrid(*nodes.values()))[0]).max())
@@ -216,21 +216,21 @@ def _nodes(muscle: Any, of: str, region: Region) -> tuple[dict[str, Numbers], Nu
             nodes[name] = np.sort(np.concatenate([at, middles]))
             if len(nodes[name]) > _MOST[name]:
                 raise InputError(
-                    f"the model is not smooth enough for a table: an accuracy of {CLOSE:g} of the largest "
-                    f"force needs more than {_MOST[name]} {name}s; export the model itself with "
-                    "--to jax or --to mjx"
+                    "the model is not smooth enough for a table: to be accurate to within "
+                    f"{CLOSE:g} of the largest force, the table would need more than {_MOST[name]} "
+                    f"{name}s; export the model itself with --to jax or --to mjx"
                 )
 
 
 def check_float64() -> None:
-    """Check that JAX uses float64, as export needs.
+    """Check that JAX uses float64, which export requires.
 
     Raises:
         InputError: JAX uses float32.
     """
     if not jax.config.read("jax_enable_x64"):
         raise InputError(
-            "export needs float64: call jax.config.update('jax_enable_x64', True) first"
+            "export requires float64: call jax.config.update('jax_enable_x64', True) first"
         )
 
 
@@ -253,14 +253,16 @@ def _cubic_errors(muscle: Any, of: str, nodes: dict[str, Numbers], name: str) ->
     cubic = force[:-1, None] + u * (p + u * (3 * rise - 2 * p - q + u * (p + q - 2 * rise)))
     off = np.abs(cubic - between.reshape(cubic.shape)).max(axis=(1, 2))
     if not np.isfinite(off).all():
-        raise InputError("the force is not finite in the whole region, so it cannot be exported")
+        raise InputError(
+            "the force must be finite in the whole region: this muscle cannot be exported"
+        )
     return off
 
 
 def _slopes(muscle: Any, of: str, length: Numbers, pressure: Numbers) -> Numbers:
-    """Return a method's values, both slopes and the mixed slope at states of one shape, shape (4, ...).
+    """Return the value of a method, both slopes and the mixed slope at each state, shape (4, ...).
 
-    Chunks of equal size need only one compiled program.
+    The states are evaluated in chunks of equal size, so only one program is compiled.
     """
     L, P = np.ravel(length), np.ravel(pressure)
     spare = -len(L) % _AT_ONCE

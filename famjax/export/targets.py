@@ -1,4 +1,4 @@
-"""Export targets: C, MATLAB, Python, tables and StableHLO, and those in `mujoco.py`."""
+"""Export targets: C, FMU, MATLAB, Python, tables and StableHLO; see `mujoco.py` for MuJoCo and MJX."""
 
 import dataclasses
 import functools
@@ -29,7 +29,7 @@ _BEYOND = 0.5  # extension of the grid, as a fraction of the distance from the d
 
 
 def c_files(subject: Subject) -> Files:
-    """Write a header and a source without allocation or libraries; double precision by default."""
+    """Write a C header and source that need no allocation or libraries; double precision by default."""
     name, words = subject.identifier, _words(subject, " *", "R({})")
     files = {f"{name}.{of}": filled(f"force.{of}", words) for of in ("h", "c")}
     if subject.plant is None:
@@ -40,9 +40,9 @@ def c_files(subject: Subject) -> Files:
 
 
 def fmu_files(subject: Subject) -> Files:
-    """Write `NAME.fmu`, FMI 2.0 for model exchange and co-simulation: sources, and a binary with gcc.
+    """Write `NAME.fmu` (FMI 2.0, model exchange and co-simulation) with sources and, with gcc, a binary.
 
-    Without a plant, the circuit is a `PneumaticCircuit`.
+    If the subject has no plant, a `PneumaticCircuit` is used.
     """
     if subject.plant is None:
         friction = subject.muscle.hysteresis
@@ -52,10 +52,10 @@ def fmu_files(subject: Subject) -> Files:
 
 
 def matlab_files(subject: Subject) -> Files:
-    """Write `NAME_force.m` and `NAME_pressure.m`, with the equations if there is a closed form.
+    """Write `NAME_force.m` and `NAME_pressure.m`, which contain the equations if there is a closed form.
 
-    Otherwise the functions call `NAME_model_force.m`, which contains a table. They need no toolbox and
-    work in Simulink's MATLAB Function block.
+    Otherwise the functions call `NAME_model_force.m`, which contains a table. The functions need no
+    toolbox and work in a MATLAB Function block in Simulink.
     """
     name, closed = subject.identifier, _closed(subject, "%   ", matlab_lines)
     if closed is not None:
@@ -66,7 +66,7 @@ def matlab_files(subject: Subject) -> Files:
 
 
 def python_files(subject: Subject) -> Files:
-    """Write `NAME.py`, which needs only NumPy: the equations in closed form, or else a table."""
+    """Write `NAME.py`, which needs only NumPy and contains the closed-form equations or a table."""
     name, closed = subject.identifier, _closed(subject, "", python_lines)
     if closed is not None:
         return {f"{name}.py": filled("closed.py.in", closed)}
@@ -116,7 +116,7 @@ def csv_files(subject: Subject) -> Files:
 
 
 def mat_files(subject: Subject) -> Files:
-    """Write the axes and tables of the CSV file, with the same names, for a 2-D Lookup Table block."""
+    """Write the axes and tables of the CSV file, under the same names, for a 2-D Lookup Table block."""
     from scipy.io import savemat  # noqa: PLC0415 -- slow to import
 
     grid, about = _grid(subject)
@@ -128,7 +128,7 @@ def mat_files(subject: Subject) -> Files:
 def jax_files(subject: Subject) -> Files:
     """Write StableHLO for any number of states on CPU and CUDA, and `NAME_jax.py`, which loads it.
 
-    `NAME.stablehlo` is the force, and `NAME_model.stablehlo` is the model force without clipping.
+    `NAME.stablehlo` computes the force, and `NAME_model.stablehlo` the model force without clipping.
 
     Raises:
         InputError: the package flatbuffers is missing, or JAX uses float32.
@@ -152,14 +152,14 @@ TARGETS: dict[str, Callable[[Subject], Files]] = {
     "c": c_files, "fmu": fmu_files, "csv": csv_files, "mat": mat_files, "matlab": matlab_files,
     "python": python_files, "mujoco": mujoco_files, "mjx": mjx_files, "jax": jax_files,
 }  # fmt: skip
-"""Functions that create the files, by the name given to `famjax export --to`."""
+"""Functions that create the files, by the names used in `famjax export --to`."""
 
 
 def export(subject: Subject, to: Sequence[str], folder: str | Path) -> list[Path]:
-    """Export a muscle to several targets; all files are written, or none.
+    """Export a muscle to several targets; either all files are written or none.
 
     Args:
-        subject: the muscle, see `read_subject` and `Subject.of_card`.
+        subject: muscle to export, see `read_subject` and `Subject.of_card`.
         to: names in `TARGETS`.
         folder: folder for the files, created if missing.
 
@@ -182,7 +182,7 @@ def export(subject: Subject, to: Sequence[str], folder: str | Path) -> list[Path
 
 
 def _grid(subject: Subject) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Return axes, tables and header lines, with the error of linear interpolation."""
+    """Return the axes, the tables and the header lines, which state the error of bilinear interpolation."""
     pull = subject.pull
     (short, long), (first, last) = pull.stops, (pull.lengths[0], pull.lengths[-1])
     L = np.linspace(first + _BEYOND * (short - first), last + _BEYOND * (long - last), _LENGTHS)
@@ -213,10 +213,10 @@ def _words(subject: Subject, comment: str, number: str, *, end: str = "") -> dic
     """Return the substitutions shared by all table templates.
 
     Args:
-        subject: the muscle.
-        comment: prefix for each heading line.
+        subject: muscle to export.
+        comment: prefix for each line of the heading.
         number: format of a number, such as `R({})`.
-        end: continuation after each line of numbers but the last.
+        end: continuation after each line of numbers except the last.
     """
     table, pull = subject.table, subject.pull
     lines = functools.partial(numbers_in_lines, number=number, end=end)

@@ -1,4 +1,4 @@
-"""Bundled muscles, loaded from their cards."""
+"""Load the bundled muscles from their cards."""
 
 import importlib.resources
 from importlib.resources.abc import Traversable
@@ -12,13 +12,13 @@ NAMES = ("DMSP-10", "DMSP-20")
 """Names of the muscles with a bundled card."""
 
 _MAPS = ("DMSP-10-250", "DMSP-20-300")
-"""Names of the force maps in `fitting`, in the same order."""
+"""Names of the corresponding force maps in `fitting`, in the same order."""
 
 
 def bundled_name(name: str) -> str | None:
-    """Return the name in `NAMES` of a bundled muscle in any common spelling, or None.
+    """Return the name in `NAMES` for a bundled muscle in any common spelling, or None.
 
-    Upper or lower case, hyphens or underscores, and the name of the force map are accepted.
+    Accepts upper and lower case, hyphens and underscores, and the name of the muscle's force map.
 
     >>> [bundled_name(one) for one in ("dmsp_20", "DMSP-20-300", "dmsp-20-500", "card.json")]
     ['DMSP-20', 'DMSP-20', None, None]
@@ -29,13 +29,13 @@ def bundled_name(name: str) -> str | None:
 
 
 def bundled_card(name: str) -> MuscleCard:
-    """Return the card of a bundled muscle at the measured rest length.
+    """Return the card of a bundled muscle at the rest length that was measured.
 
     Args:
         name: DMSP-10 or DMSP-20, in any spelling accepted by `bundled_name`.
 
     Raises:
-        InputError: there is no such card.
+        InputError: no bundled muscle has this name.
 
     >>> bundled_card("DMSP-20")
     MuscleCard(DMSP-20: 222 to 296 mm, 35 to 675 kPa)
@@ -44,7 +44,7 @@ def bundled_card(name: str) -> MuscleCard:
 
 
 def open_card(source: str | Path, *, own: Own = ()) -> MuscleCard:
-    """Read a card from a file, or a bundled card by its name.
+    """Read a card from a file, or the card of a bundled muscle.
 
     Args:
         source: file written by `famjax card`, or name of a bundled muscle.
@@ -57,7 +57,7 @@ def open_card(source: str | Path, *, own: Own = ()) -> MuscleCard:
 
 
 def card_file(source: str | Path) -> Path | Traversable:
-    """Return the file of a card, or of the bundled card with this name.
+    """Return the file that contains a card, or the card of the bundled muscle with this name.
 
     Raises:
         InputError: there is no such file or muscle.
@@ -74,22 +74,22 @@ def _bundled_file(name: str) -> Traversable:
 
 
 def dmsp_10(length: float | None = None) -> SafeMuscle:
-    """Return a Festo DMSP-10 cut to a length, safe to use at any state.
+    """Return a Festo DMSP-10 cut to a given length, which can be evaluated safely in any state.
 
     The model was selected by its held-out error and fitted to 85 readings from a 250 mm muscle, up to
-    650 kPa and 21 % contraction; the RMSE is 1.2 N and the largest force 542 N. `famjax.SafeMuscle`
-    describes the continuation beyond the data. Enable float64 in JAX for full precision.
+    650 kPa and 21 % contraction. The RMSE is 1.2 N, and the largest force is 542 N. `famjax.SafeMuscle`
+    describes how the model is continued beyond the data. Enable float64 in JAX for full precision.
 
     Args:
-        length: rest length [m] of the rubber between the fittings. If omitted, the length of the
-            measured muscle. Other lengths use the same braid and rubber and are not validated by
-            measurements.
+        length: rest length [m] of the rubber between the end-fittings. If omitted, the length of the
+            measured muscle is used. Other lengths assume the same braid and rubber, and are not
+            validated by measurements.
 
     Returns:
         The muscle, with `force(length, pressure)` in m, Pa (gauge) and N.
 
     Raises:
-        InputError: the muscle cannot have this length.
+        InputError: the muscle cannot be cut to this length.
 
     References:
         Martens & Boblan 2017, Actuators 6(4), table A2 (readings).
@@ -98,19 +98,19 @@ def dmsp_10(length: float | None = None) -> SafeMuscle:
 
 
 def dmsp_20(length: float | None = None) -> SafeMuscle:
-    """Return a Festo DMSP-20 cut to a length, safe to use at any state.
+    """Return a Festo DMSP-20 cut to a given length, which can be evaluated safely in any state.
 
     See `dmsp_10`. The model was fitted to 126 readings from a 296 mm muscle, up to 675 kPa and 25 %
-    contraction; the RMSE is 3.2 N and the largest force 1654 N.
+    contraction. The RMSE is 3.2 N, and the largest force is 1654 N.
 
     Args:
-        length: rest length [m] of the rubber between the fittings; 296 mm if omitted.
+        length: rest length [m] of the rubber between the end-fittings; 296 mm if omitted.
 
     Returns:
         The muscle.
 
     Raises:
-        InputError: the muscle cannot have this length.
+        InputError: the muscle cannot be cut to this length.
 
     References:
         Martens & Boblan 2017, Actuators 6(4), table A1 (readings).

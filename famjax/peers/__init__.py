@@ -1,8 +1,9 @@
-"""Published static force models in SI units, for evaluation, differentiation and comparison.
+"""Published static force models in SI units, which can be evaluated, differentiated and compared.
 
-Each has `force(length, pressure)` and is a `PeerModel`, or a `famjax.Muscle` where its form allows.
-Each docstring states whether the formula was read in a publication or is general knowledge. Braid
-angles are measured from the circumference, contraction is a fraction, and pressure is gauge.
+Each model has `force(length, pressure)`. It is a `famjax.Muscle` if its form allows, otherwise a
+`PeerModel`. Each docstring states whether the formula was read in a publication or is general
+knowledge. Braid angles are measured from the circumference, contraction is a fraction, and pressure is
+gauge pressure.
 """
 
 import lazy_loader

@@ -1,8 +1,8 @@
-"""Published force-balance models: a braid with corrections and a wall.
+"""Published models based on a force balance, which combine a braid with corrections and a wall.
 
-Published models that are a `famjax.Muscle` need no class here: Ferraresi 2001 uses a `PolynomialMaterial`
-with one coefficient, Klute & Hannaford 2000 a `MooneyRivlinMaterial`, and Robinson 2015 a
-`PressurePolynomialMaterial`.
+Published models that can be written as a `famjax.Muscle` do not need a class here. Ferraresi 2001 uses a
+`PolynomialMaterial` with one coefficient, Klute & Hannaford 2000 a `MooneyRivlinMaterial`, and Robinson
+2015 a `PressurePolynomialMaterial`.
 
 To add a model, declare its parameters as fields and write a method `formula(L, P)`. Override
 `length_range()` if the model is not valid from 0.5 to 1.1 times the rest length.
@@ -35,8 +35,8 @@ _ANY_PRESSURE = 1e5  # Pa, a pressure at which every model is finite
 class PeerModel(AbstractMuscle):
     """A static force model of a fluidic artificial muscle, defined by a formula for its force.
 
-    The fields are the model's parameters in SI units. As in `famjax.Muscle`, the force is not clipped;
-    where it is negative, a real muscle is slack.
+    The fields are the parameters of the model in SI units. As in `famjax.Muscle`, the force is not
+    clipped; where it is negative, a real muscle is slack.
     """
 
     @abc.abstractmethod
@@ -46,9 +46,9 @@ class PeerModel(AbstractMuscle):
     def force(self, length: Real, pressure: Real) -> RealArray:
         """Return the static force F [N] at length L [m] and gauge pressure P [Pa], broadcast shape.
 
-        The force is nan where length or pressure is not finite, or the length is not positive. At these
-        states the formula receives placeholders, because nan would contaminate the derivatives of a whole
-        batch in reverse mode.
+        The force is nan where the length or pressure is not finite, or the length is not positive. In
+        these states, the formula is evaluated at placeholder values, because nan would contaminate the
+        reverse-mode derivatives of the whole batch.
         """
         L, P = jnp.broadcast_arrays(as_real(length), as_real(pressure))
         holds = (L > 0) & jnp.isfinite(L) & jnp.isfinite(P)
@@ -57,7 +57,7 @@ class PeerModel(AbstractMuscle):
         return jnp.where(holds, found, jnp.nan)
 
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """Return 0.5 and 1.1 times the rest length [m], a wider range than that of any muscle."""
+        """Return 0.5 and 1.1 times the rest length [m], a wider range than any muscle can reach."""
         return 0.5 * self.rest_length, 1.1 * self.rest_length
 
 
@@ -68,18 +68,18 @@ def braid_range(braid: AbstractBraid) -> tuple[RealArray, RealArray]:
 
 
 class Gaylord(PeerModel):
-    """The force of a pressurised braid; the bladder is neglected except for a deadband and an offset.
+    """Force of a pressurised braid. The bladder is neglected except for a deadband and an offset.
 
     F = (P - P_d) (3 L^2 - B^2) / (4 pi N^2) + F_0
 
-    This equals virtual work, -(P - P_d) dV/dL + F_0, and Chou and Hannaford's model without a wall.
-    With a `CompliantBraid` it is Davis's model for elastic threads.
+    This equals the force from virtual work, -(P - P_d) dV/dL + F_0, and Chou and Hannaford's model without
+    a wall. With a `CompliantBraid`, it is Davis's model with elastic threads.
 
     Attributes:
         braid: braid around the bladder.
-        deadband_pressure: P_d [Pa], zero in the originals.
-        force_offset: F_0 [N], zero in the originals.
-        resting_length: L0 [m]; required only for blocked force and contraction.
+        deadband_pressure: P_d [Pa], zero in the original models.
+        force_offset: F_0 [N], zero in the original models.
+        resting_length: L0 [m], required only for the blocked force and the contraction.
 
     References:
         Gaylord 1958; Chou & Hannaford 1996; Davis, Tsagarakis, Canderle & Caldwell 2003. General
@@ -122,7 +122,7 @@ class Gaylord(PeerModel):
 
 
 class TonduLopez(PeerModel):
-    """The braid alone, with the contraction multiplied by k to account for rounded ends.
+    """Force of the braid alone, with the contraction multiplied by k to account for rounded ends.
 
     F = (P - P_d) pi R0^2 (a (1 - k eps)^2 - b), k = a_k exp(-P / bar) + b_k
 
@@ -130,10 +130,10 @@ class TonduLopez(PeerModel):
 
     Attributes:
         braid: threads of constant length.
-        rest_length: L0 [m], reference of the contraction eps.
+        rest_length: L0 [m], reference length for the contraction eps.
         k_far: b_k [-], the value of k at high pressure.
         k_rise: a_k [-], increase in k at zero pressure.
-        deadband_pressure: P_d [Pa], zero in the original.
+        deadband_pressure: P_d [Pa], zero in the original model.
 
     References:
         Tondu & Lopez 2000. General knowledge, not checked against the publication.
@@ -153,13 +153,13 @@ class TonduLopez(PeerModel):
 
 
 class Kothera(PeerModel):
-    """A force balance evaluated at the length between two quarter-circle ends.
+    """Force balance of the cylinder between two quarter-circle ends.
 
     F(L, P) = F_cylinder(L - 2 (R - R0), P), where R is the braid radius at L. The thread length in the
     ends is neglected.
 
     Attributes:
-        muscle: cylindrical muscle, linear elastic in the original.
+        muscle: cylindrical muscle, linear elastic in the original model.
 
     References:
         Kothera, Jangid, Sirohi & Wereley 2009. Their length formula is general knowledge; the rest of
@@ -176,7 +176,7 @@ class Kothera(PeerModel):
         return self.muscle.force(kothera_length(L, radius, rest_radius), P)
 
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """Return the cylindrical muscle's length range [m], which is shorter than this model's range."""
+        """Return the length range [m] of the cylindrical muscle, which is narrower than this model's."""
         return self.muscle.length_range()
 
     @property
@@ -195,23 +195,23 @@ _PUBLISHED = {
 
 
 class Martens(PeerModel):
-    """Virtual work of the pressure, plus a linear elastic wall whose modulus is cubic in length.
+    """Virtual work of the pressure, plus a linear elastic wall with a modulus that is cubic in length.
 
     F = -P dV/dL + E (D - D0)/D0 H0 pi L dD/dL - E (L - L0)/L0 H0 pi D,
     E = c0 + c1 L + c2 L^2 + c3 L^3
 
-    The wall thickness H0 is constant. The sign of the axial term is as printed: a shortened wall adds
-    to the pull.
+    The wall thickness H0 is constant. The sign of the axial term is as printed: a shortened wall
+    increases the force.
 
     Attributes:
-        braid: inelastic braid with D and dD/dL.
+        braid: inelastic braid, which determines D and dD/dL.
         rest_length: L0 [m].
         rest_diameter: D0 [m].
         wall_thickness: H0 [m].
         coefficients: c0 to c3 [Pa/m^n], shape (4,).
 
     References:
-        Martens & Boblan 2017, Actuators 6(4). Equations, constants, bore and nominal angle as
+        Martens & Boblan 2017, Actuators 6(4). Equations, constants, bore and nominal angle are as
         transcribed in the published code of Bolen et al. 2026. The angle correction must be in radians
         to reproduce the published errors.
 
@@ -229,7 +229,7 @@ class Martens(PeerModel):
 
     @classmethod
     def published(cls, muscle: str) -> "Martens":
-        """Create the model with published constants; worst errors 2.37 and 4.26 % of the largest force.
+        """Create the model with published constants; worst errors: 2.37 and 4.26 % of the largest force.
 
         Args:
             muscle: "DMSP-20-300" or "DMSP-10-250", with rest lengths of 300 and 250 mm.

@@ -1,4 +1,4 @@
-"""Published empirical force surfaces as functions of contraction and pressure."""
+"""Published empirical formulas for the force as a function of contraction and pressure."""
 
 import jax.numpy as jnp
 from jaxtyping import Float
@@ -9,14 +9,14 @@ from .balance import PeerModel
 
 
 class Hildebrandt(PeerModel):
-    """Pressure times a parabola in contraction, plus a cubic and a fractional power; purely empirical.
+    """Empirical model: pressure times a parabola in contraction, plus a cubic and a fractional power.
 
     F = P (a0 + a1 eps + a2 eps^2) + b0 + b1 eps + b2 eps^2 + b3 eps^3 + b4 |eps|^(2/3)
 
     The fractional power has no derivative at rest.
 
     Attributes:
-        rest_length: L0 [m], reference of the contraction eps.
+        rest_length: L0 [m], reference length for the contraction eps.
         pressure_coefficients: a0 to a2 [m2], shape (3,).
         force_coefficients: b0 to b4 [N], shape (5,).
 
@@ -43,22 +43,22 @@ class Hildebrandt(PeerModel):
 
 
 class Sarosi(PeerModel):
-    """An exponential softening with contraction, plus terms linear in pressure; purely empirical.
+    """Empirical model: a force that decays exponentially with contraction, plus terms linear in pressure.
 
     F = (a1 P + a2) exp(a3 eps) + a4 P eps + a5 P + a6
 
-    The five-parameter form has a1 = 1 N/bar, (p + a) exp(b k) + c p k + d p + e in bar and per
-    cent; the four-parameter form has a1 = 0 and a6 = -a2, so that the wall does not act at rest.
+    The five-parameter form, (p + a) exp(b k) + c p k + d p + e in bar and per cent, has a1 = 1 N/bar.
+    The four-parameter form has a1 = 0 and a6 = -a2, so the wall exerts no force at rest.
 
     Attributes:
-        rest_length: L0 [m], reference of the contraction eps.
+        rest_length: L0 [m], reference length for the contraction eps.
         a1, a4, a5: [m2], force per unit pressure.
         a2, a6: [N].
         a3: [-], negative.
 
     References:
-        Sarosi 2012; Sarosi et al. 2017. Form and constants as transcribed in the published code
-        and in the article by Bolen, Elzein, Pang & Hunt 2026; the shorter forms are general
+        Sarosi 2012; Sarosi et al. 2017. Form and constants are as transcribed in the published
+        code and in the article by Bolen, Elzein, Pang & Hunt 2026; the shorter forms are general
         knowledge.
     """
 

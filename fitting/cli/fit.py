@@ -73,52 +73,54 @@ def load_map(data: str, specimen: tuple[str, ...], column: tuple[str, ...]) -> "
 @Parameter(name="*")
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Asked:
-    """The options of `famjax fit` that define its problem, as typed.
+    """Options of `famjax fit` that define the problem to solve, as typed.
 
     Parameters
     ----------
     law
-        Name the bladder law. If omitted, several laws are tried and the best predictor is kept.
-        Laws: polynomial, ogden (one term), mooney-rivlin, saturating, neo-hookean,
-        yeoh. `--law my_rubber:Gent` uses your own class from a file in the current folder.
+        Choose the bladder law: polynomial, ogden (one term), mooney-rivlin, saturating, neo-hookean or
+        yeoh. If omitted, several laws are tried and the one that predicts best is kept.
+        `--law my_rubber:Gent` uses your own class Gent from the file my_rubber.py in the current folder.
     order
-        Set the order of the polynomial law, sigma = E_1 eps + E_2 eps|eps| + ...; default 3.
+        Set the order of the polynomial law, sigma = E_1 eps + E_2 eps|eps| + ...; default: 3.
     constraint
-        Restrict the law. positive: E_n >= 0; slope: the stress increases over the strain range; drucker:
-        the law is stable along the actuation path.
+        Constrain the law. positive: every E_n >= 0; slope: the stress increases over the strain range;
+        drucker: the law is stable along the actuation path; none: no constraint.
     free
-        Also identify this parameter, repeatable: end_factor or end_length (rounded ends), rest_length,
-        braid_compliance (stretching threads), series_compliance (elastic rig), series_exponent (its
-        deflection follows a power of the force).
+        Also identify this parameter (repeatable): end_factor or end_length (rounded ends), rest_length,
+        braid_compliance (stretching threads), series_compliance (elastic rig), series_exponent (rig
+        deflection proportional to a power of the force).
     geometry
-        Wrap the cylinder in your own geometry: `--geometry my_ends:ConicalEnds`. Its declared
-        parameters are identified. The default law is then polynomial.
+        Wrap the cylinder in your own geometry class, such as `--geometry my_ends:ConicalEnds`. The
+        parameters that the class declares are identified. The law then defaults to polynomial.
     term
-        Add your own force term, module:Class, repeatable. Its declared parameters are identified.
+        Add your own force term, module:Class (repeatable). The parameters that the class declares are
+        identified.
     shape
-        Use the shape from photographs, the `measurements.nc` written by `famjax measure`, instead of a
-        cylinder. The turns of the threads are identified; `--bounds turns=1.09` fixes them. With
-        `--ends equilibrium`, profiles and force are fitted together.
+        Use the shape measured in photographs instead of a cylinder. Name the `measurements.nc` written by
+        `famjax measure`. The number of turns of a thread is identified; `--bounds turns=1.09` fixes it.
+        With `--ends equilibrium`, the photographed profiles and the force are fitted together.
     ends
-        Choose the model of the ends: cylinder, or equilibrium (the shape follows from mechanics). Without
-        --law, equilibrium adds one more model to choose from; its fit has no certificate.
+        Choose the model of the ends: cylinder, or equilibrium (the shape is computed from mechanics).
+        Without --law, equilibrium adds one more model to choose from. Its optimum cannot be certified.
     objective
-        Choose the objective. sum_of_squares; mean_rmse: the RMSE averaged over pressures, as in the
-        reference work; huber: reduces the weight of outliers; censored: least squares with slack readings
-        as upper bounds on the force and readings at the load cell's limit as lower bounds.
+        Choose what to minimise. sum_of_squares: the sum of squared residuals; mean_rmse: the RMSE averaged
+        over pressures, as in the reference work; huber: a sum that gives outliers less weight; censored:
+        the sum of squares, with slack readings as upper bounds on the force and readings at the load
+        cell's limit as lower bounds.
     bounds
-        Replace the bounds of a parameter, name_unit=min:max, repeatable:
-        `--bounds braid_diameter_mm=20:23.6`. A single value fixes the parameter:
+        Set the bounds on a parameter, name_unit=min:max (repeatable), as in
+        `--bounds braid_diameter_mm=20:23.6`. A single value fixes the parameter, as in
         `--bounds deadband_pressure_kPa=40`.
     prior
-        State prior knowledge of a parameter, name_unit=mean+-std, repeatable:
+        State prior knowledge of a parameter, name_unit=mean+-std (repeatable), as in
         `--prior rest_length_mm=296+-0.5`.
 
     shared_error
-        State a standard error, name_unit=value, repeatable. noise_N is the noise of a single force
-        reading, used to weight the priors. All others are calibration errors shared by all
-        readings: rest_length, wall_thickness, bladder_diameter, braid_thickness, pressure_zero, force_zero
-        (with a unit); pressure_reading, force_reading, shortening (relative).
+        State a standard error, name_unit=value (repeatable). noise_N is the noise of a single force
+        reading, used to weight the priors. All others are calibration errors shared by all readings. State
+        a unit for rest_length, wall_thickness, bladder_diameter, braid_thickness, pressure_zero and
+        force_zero; pressure_reading, force_reading and shortening are relative.
     """
 
     law: Annotated[str | None, _MODEL] = None
@@ -136,7 +138,7 @@ class Asked:
 
     @property
     def chosen(self) -> bool:
-        """True if the law is chosen from several."""
+        """True if the law is to be chosen from several."""
         named = (self.law, self.order, self.geometry, self.shape)
         given = any(one is not None for one in named) or self.term
         return not given and self.objective != "censored"
@@ -154,36 +156,36 @@ def fit(
     verbose: Annotated[bool, _OUTPUT] = False,
     json_: Annotated[bool, _OUTPUT] = False,
 ) -> int:
-    """Identify a muscle from a measured force map.
+    """Fit a muscle model to a measured force map.
 
     Without --law or --order, several models are fitted and compared by cross-validation over pressures and
     lengths. The model with the smallest held-out error is kept.
 
-    Writes `fit.json` (all results in SI), `fit.png` and `report.html`. The exit code is 1 if nothing was
+    Writes `fit.json` (all results in SI), `fit.png` and `report.html`. The exit code is 1 if no muscle was
     identified. Use `famjax assess` for further tests of the fit.
 
     Parameters
     ----------
     data
-        Read this CSV or .xlsx file, with columns such as `pressure_kPa,length_mm,force_N`; a bundled map
-        (DMSP-20-300, DMSP-10-250); or standard input, -. Lines `# specimen: rest_length_mm = 296`
-        describe the muscle.
+        Read this CSV or .xlsx file with columns such as `pressure_kPa,length_mm,force_N`, this bundled map
+        (DMSP-20-300 or DMSP-10-250), or standard input (-). Lines in the file such as
+        `# specimen: rest_length_mm = 296` describe the muscle.
     specimen
-        Describe the muscle, key_unit=value, repeatable: `--specimen rest_length_mm=296`. Keys:
+        Describe the muscle, key_unit=value (repeatable), as in `--specimen rest_length_mm=296`. Keys:
         rest_length, wall_thickness, nominal_diameter, bladder_diameter, braid_thickness,
         force_limit (of the load cell), embedded (true if the threads run inside the wall), name.
     column
-        Name the column of a quantity that is not recognised: `force="Kraft [N]"`, by name or number, with
-        the unit, repeatable; `pressure=-` ignores a column. Also `decimal=,` and, for absolute
-        pressures, `atmosphere=101.3kPa`.
+        Assign an unrecognised column to its quantity by the column's name or number, with the unit
+        (repeatable), as in `force="Kraft [N]"`. Use `pressure=-` to ignore a column, `decimal=,` for
+        decimal commas, and `atmosphere=101.3kPa` for absolute pressures.
     output
         Write the files to this folder; it is created if missing.
     units
-        Choose the units of output and report: si, metric (mm, kPa, N, MPa) or us (in, psi, lbf).
+        Choose the units for output and report: si, metric (mm, kPa, N, MPa) or us (in, psi, lbf).
     verbose
         Print all tables and notes from the report.
     json_
-        Print the content of `fit.json` and nothing else.
+        Print the contents of `fit.json` and nothing else.
     """
     fitting = load_fitting()
     from .problem import solve
@@ -217,35 +219,37 @@ def assess(
 ) -> int:
     """Test a fit on held-out readings, and determine how well each parameter is known.
 
-    Repeats the fit from the readings and options in its file, then writes the files again with the
-    results of the tests. Prints all tables and notes.
+    Repeats the fit with the readings and options stored in `fit.json`, runs the tests, and writes the files
+    again with their results. Prints all tables and notes.
 
     Parameters
     ----------
     fit_json
         Read this `fit.json`, written by `famjax fit`.
     validate
-        Cross-validate: leave out each pressure and each length in turn, and predict it. A chosen model is
-        chosen again each time.
+        Cross-validate: leave out each pressure and each length in turn, and predict its readings. If the
+        model was chosen from several, the choice is repeated each time.
     profile
         Compute profile likelihoods, which show the range of each parameter that the readings allow.
     bootstrap
-        Set the number of bootstrap replicates, for standard errors and prediction bands.
+        Compute standard errors and prediction bands by bootstrap, with this number of replicates.
     posterior
-        Sample the posterior (NUTS) within bounds and priors. The fit's `--error noise_N` sets the
-        noise.
+        Sample the posterior (with NUTS) within the bounds and priors. If the fit was made with
+        `--error noise_N`, that noise is used.
     hysteresis
-        Fit and cross-validate both branches of raw ramps, from the `branches.csv` of `famjax ramps`.
+        Fit a hysteresis model to both branches of raw ramps, and cross-validate it. Name the `branches.csv`
+        written by `famjax ramps`.
     own
-        Trust a module with your own classes, repeatable: `--own my_rubber`. Other modules are not imported.
+        Trust this module, which contains your own classes (repeatable), as in `--own my_rubber`. Other
+        modules are not imported.
     jobs
         Set the number of processes for --validate.
     output
         Write the files to this folder; default: the folder of the fit.
     units
-        Choose the units of output and report: si, metric (mm, kPa, N, MPa) or us (in, psi, lbf).
+        Choose the units for output and report: si, metric (mm, kPa, N, MPa) or us (in, psi, lbf).
     json_
-        Print the content of `fit.json` and nothing else.
+        Print the contents of `fit.json` and nothing else.
     """
     fitting = load_fitting()
     from .problem import asked_of, solve

@@ -38,13 +38,13 @@ Target = Literal["c", "fmu", "csv", "mat", "matlab", "python", "mujoco", "mjx", 
 
 
 def is_fit(muscle: str) -> bool:
-    """True for the file of a fit; any other file or name is taken as a card."""
+    """Return whether a file contains a fit; any other file or name is treated as a card."""
     path = Path(muscle)
     return path.is_file() and b'"famjax-fit/' in path.read_bytes()[:99]
 
 
 def warn_unidentified(name: object, verdict: str | None, reasons: Sequence[str] | None) -> None:
-    """Print a warning to standard error if nothing was identified."""
+    """Print a warning to standard error if no muscle was identified."""
     from famjax.cards import unidentified
 
     doubt = unidentified(str(name), verdict, reasons)
@@ -71,32 +71,33 @@ def predict(
     Parameters
     ----------
     muscle
-        Read this `fit.json` from `famjax fit` or `famjax series`, this card, or the bundled muscle of this
-        name. A card has no error bands.
+        Use this `fit.json` written by `famjax fit` or `famjax series`, this card, or this bundled muscle. A
+        card has no error bands.
     length
-        Predict at these active lengths, with units, repeatable or separated by commas:
+        Predict at these active lengths, with units, repeated or separated by commas, as in
         `--length 270mm,250mm`.
     pressure
-        Predict at these gauge pressures, with units: `--pressure 500kPa`.
+        Predict at these gauge pressures, with units, as in `--pressure 500kPa`.
     force
-        Find the pressure at which the muscle pulls with these forces, up to the highest measured
-        pressure: `--force 200N`.
+        Find the pressure at which the muscle pulls with each of these forces, up to the highest measured
+        pressure, as in `--force 200N`.
     onset
         Find the pressure at which the force rises above zero at each length.
     rest_length
-        Predict another muscle of the same series with this rest length: `--rest-length 200mm`. A fit of
-        one muscle has a wide error band; `famjax series` also estimates how specimens differ.
+        Predict another muscle of the same series with this rest length, as in `--rest-length 200mm`. The
+        error band is wide if one muscle was fitted; `famjax series` also estimates how specimens differ.
     history
-        Predict the force, with hysteresis, along a history in a CSV file with columns such as
-        `time_s,length_mm,pressure_kPa`. First run `famjax assess --hysteresis` on the fit.
+        Predict the force, with hysteresis, for the sequence of lengths and pressures in this CSV file, with
+        columns such as `time_s,length_mm,pressure_kPa`. First run `famjax assess --hysteresis` on the fit.
     column
-        Name the column of a quantity that is not recognised: `length="Weg [mm]"`, repeatable.
+        Assign an unrecognised column to its quantity (repeatable), as in `length="Weg [mm]"`.
     own
-        Trust a module with your own classes, repeatable: `--own my_rubber`. Other modules are not imported.
+        Trust this module, which contains your own classes (repeatable), as in `--own my_rubber`. Other
+        modules are not imported.
     units
-        Choose the units of the tables: si, metric (mm, kPa, N) or us (in, psi, lbf).
+        Choose the units for the tables: si, metric (mm, kPa, N) or us (in, psi, lbf).
     json_
-        Print one JSON list, in SI, and nothing else.
+        Print one JSON list in SI and nothing else.
     """
     fitting = load_fitting()
     import numpy as np
@@ -122,7 +123,7 @@ def predict(
         )
         rows, heading = _by_card(muscle, L, P, own, onset=onset)
     elif history is not None:
-        _only(given, ("--history",), "--history contains lengths and pressures: omit {}")
+        _only(given, ("--history",), "the history file sets lengths and pressures: omit {}")
         heading = "Force along the history"
         rows, notes = _along(saved, history, parse_columns(column), units)
     elif force:
@@ -147,13 +148,13 @@ def predict(
 
 
 def _only(given: Sequence[str], allowed: Sequence[str], message: str) -> None:
-    """Raise InputError with the options that are not allowed."""
+    """Raise InputError with a message that lists the options that are not allowed, if any."""
     if others := [name for name in given if name not in allowed]:
         raise InputError(message.format(", ".join(others)))
 
 
 def _is_card(muscle: str) -> bool:
-    """True for the name of a bundled muscle or the file of a card."""
+    """Return whether the argument is the name of a bundled muscle or the path of a card."""
     from famjax.muscles import bundled_name
 
     path = Path(muscle)
@@ -181,7 +182,7 @@ def _by_card(
         if not lock <= length <= straight:
             found |= dict.fromkeys(answer or (kind,))
             outside = (
-                f"the braid reaches only lengths of {lock * 1e3:.6g} to {straight * 1e3:.6g} mm"
+                f"the braid can only reach lengths of {lock * 1e3:.6g} to {straight * 1e3:.6g} mm"
             )
         elif not short <= length <= long:
             outside = f"the model covers only lengths of {short * 1e3:.6g} to {long * 1e3:.6g} mm"
@@ -202,25 +203,29 @@ def _by_card(
 
 
 def _notes(saved: "Identification", *, other: bool, forces: bool) -> list[str]:
-    """Return notes on predictions: for another rest length (`other`), with `forces` among them."""
+    """Return notes on predictions; `other`: for another rest length; `forces`: they include forces."""
     document, notes = saved.document, []
     if document.get("series_compliance_m_per_N"):
-        notes.append("force is in the compliant rig; muscle force is for the muscle alone")
+        notes.append(
+            "the column force applies to the muscle in the compliant rig, and the column muscle force to "
+            "the muscle alone"
+        )
     if other and "series" not in document:
         names, band = "; ".join(saved.outlook.other_lengths), "there is no error band"
         if names:
             band = (
-                f"the force is the mean of all models that fit its map ({names}), and the band is "
-                "their spread"
+                f"the force is the mean over all models that fit its force map ({names}), and the "
+                "error band is their spread"
             )
         notes.append(
-            f"another rest length is predicted from one specimen: {band}. See famjax series"
+            "this prediction for another rest length is based on one specimen: "
+            f"{band}. To use several specimens, see famjax series"
         )
     elif "series" in document and not other:
         one = document["data"]["specimen"]
         notes.append(
-            f"the prediction is for {one['name']}, the first specimen of the series, with rest length "
-            f"{1e3 * one['rest_length_m']:.4g} mm; choose another with --rest-length"
+            f"the prediction is for {one['name']}, the first specimen of the series, with a rest length of "
+            f"{1e3 * one['rest_length_m']:.4g} mm; choose another rest length with --rest-length"
         )
     elif forces and not other:
         error = saved.outlook.error
@@ -228,11 +233,11 @@ def _notes(saved: "Identification", *, other: bool, forces: bool) -> list[str]:
             notes.append(f"the 95 % bands cover {error.covers}")
         elif document["spread"]["directions"]:
             notes.append(
-                "the bands come from the standard errors alone, which exclude the model error, and are too "
-                "narrow: use a fit written by famjax fit, which includes held-out errors"
+                "the bands are too narrow, because they include only the standard errors and not the model "
+                "error: use a fit written by famjax fit, which includes held-out errors"
             )
         else:
-            notes.append("there is no error band, since the fit has no standard errors")
+            notes.append("there is no error band, because the fit has no standard errors")
     return notes
 
 
@@ -249,7 +254,7 @@ def _along(
     error = sentence_in_units(f"{saved.outlook.branches_error:.2g} N", system)
     held_out = "held-out" if saved.document["hysteresis"]["left_out"] else "in-sample"
     return rows, [f"the 95 % band includes the error of the static map and the {held_out} error of the "
-                  f"hysteresis, {error} RMS"]  # fmt: skip
+                  f"hysteresis model, {error} RMS"]  # fmt: skip
 
 
 def _print_answers(title: str, rows: Sequence[Mapping[str, Any]], system: str) -> None:
@@ -275,23 +280,25 @@ def card(
 ) -> int:
     """Write a fit as a muscle card: one file for a simulator, a controller or a colleague.
 
-    A card contains the muscle, the range of the data, the fluid volume, the errors, a sample of muscles,
-    the hysteresis if fitted, and the origin of the data. Read it with `famjax.cards.read_card`; its
-    `safe()` returns a muscle that can also be used outside the data.
+    A card contains the muscle, the range of the data, the fluid volume, the errors, muscles sampled from
+    the uncertainty, the hysteresis if fitted, and the origin of the data. Read it with
+    `famjax.cards.read_card`; its `safe()` returns a muscle that can also be used outside the range of the
+    data.
 
     Parameters
     ----------
     fit_json
         Read this `fit.json`, written by `famjax fit`.
     output
-        Write this file; default: `card.json` beside the fit.
+        Write the card to this file; default: `card.json` in the folder of the fit.
     name
-        Name the muscle; default: the name of the specimen.
+        Give the muscle this name; default: the name of the specimen.
     sample
-        Sample this number of muscles from the uncertainty of the fit; 0 for none. A fit without standard
-        errors has no sample.
+        Sample this number of muscles from the uncertainty of the fit; 0 for none. Sampling requires a fit
+        with standard errors.
     own
-        Trust a module with your own classes, repeatable: `--own my_rubber`. Other modules are not imported.
+        Trust this module, which contains your own classes (repeatable), as in `--own my_rubber`. Other
+        modules are not imported.
     """
     load_fitting()
     from famjax.boundary.files import Origin
@@ -321,13 +328,14 @@ def export(
     plant: Path | None = None,
     own: tuple[str, ...] = (),
 ) -> int:
-    """Write a muscle as C, tables, MATLAB or Python functions, or for a simulator.
+    """Export a muscle as C code, tables, MATLAB or Python functions, or a model for a simulator.
 
-    The header of each file states the muscle and the largest deviation from its model. Targets:
+    The header of each file names the muscle and states the largest deviation from its model. Targets:
 
-    c: C99 code for force, stiffness and inverse pressure on a microcontroller; double or float.
+    c: C99 code for a microcontroller: force, stiffness, and the pressure for a force; double or float.
 
-    fmu: the muscle with valve or pump, pressure as a state, as FMI 2.0 for Simulink and OpenModelica.
+    fmu: an FMI 2.0 unit for Simulink and OpenModelica: the muscle with its valve or pump, and pressure as a
+    state.
 
     csv, mat: tables of force, stiffness and area over length and pressure.
 
@@ -335,28 +343,29 @@ def export(
 
     python: functions that need only NumPy.
 
-    mujoco: XML of a load hanging from the muscle, and the actuator callback.
+    mujoco: an XML model of a load hanging from the muscle, and the actuator callback.
 
-    mjx: the model inside the MJX step, differentiable; needs famjax.
+    mjx: the muscle as a differentiable part of the MJX step; needs famjax.
 
-    jax: the model with its derivative as StableHLO; needs JAX but not famjax.
+    jax: the model and its derivative as StableHLO; needs JAX but not famjax.
 
     Parameters
     ----------
     muscle
-        Read this card from `famjax card`, this `fit.json` from `famjax fit`, or a bundled muscle (DMSP-10,
-        DMSP-20).
+        Export this card written by `famjax card`, this `fit.json` written by `famjax fit`, or this bundled
+        muscle (DMSP-10 or DMSP-20).
     to
-        Choose a target, repeatable.
+        Choose a target (repeatable).
     output
         Write the files to this folder; it is created if missing.
     length
         Cut the muscle to this rest length, with its unit, such as 300mm.
     plant
-        Use the circuit and friction from this `famjax simulate` plan. C and MuJoCo then have pressure as
-        a state. By default they are static, and the FMU has the default pneumatic circuit.
+        Use the circuit and friction from this `famjax simulate` plan. The C and MuJoCo models then have
+        pressure as a state. Without a plan they are static, and the FMU has the default pneumatic circuit.
     own
-        Trust a module with your own classes, repeatable: `--own my_rubber`. Other modules are not imported.
+        Trust this module, which contains your own classes (repeatable), as in `--own my_rubber`. Other
+        modules are not imported.
     """
     load_fitting()
     from famjax.export import export as export_to

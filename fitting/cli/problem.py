@@ -64,7 +64,7 @@ def _parsed(
                 f"{what} {entry!r}: unknown parameter; choose from {listed} (any unit)"
             )
         if name in found:
-            raise InputError(f"{what} of {name} given twice: keep one")
+            raise InputError(f"{what} for {name} given twice: keep only one")
         unit = key[len(name) + 1 :]
         factor(unit, known[name])  # refuse an unknown unit
         found[name] = numbers, unit, known[name]
@@ -104,13 +104,13 @@ def parse_priors(entries: Iterable[str], kinds: Kinds | None = None) -> dict[str
     found = {}
     for name, (numbers, unit, _) in _parsed(entries, "prior", form, kinds, "+-").items():
         if len(numbers) != 2:
-            raise InputError(f"the prior of {name} must read {form}")
+            raise InputError(f"the prior on {name} must read {form}")
         found[name] = Parameter(prior=(numbers[0], numbers[1]), unit=unit)
     return found
 
 
 def parse_errors(entries: Iterable[str]) -> tuple[SharedErrors, float | None]:
-    """Parse standard errors: calibration errors shared by all readings, and the force noise [N] or None.
+    """Parse standard errors into calibration errors shared by all readings and the force noise [N] or None.
 
     Raises:
         InputError: an entry is malformed, a name or unit is unknown, or a name is given twice.
@@ -134,7 +134,7 @@ def parse_errors(entries: Iterable[str]) -> tuple[SharedErrors, float | None]:
 def identify_options(
     maps: Sequence[fitting.ForceData], asked: Asked, laws: Iterable[LawGiven]
 ) -> tuple[dict[str, Any], Kinds]:
-    """Convert options as typed to arguments of `fitting.identify`, and return the kinds of parameters.
+    """Convert typed options to arguments of `fitting.identify`; also return each parameter's kind of unit.
 
     Raises:
         InputError: an option is invalid.
@@ -153,15 +153,19 @@ def identify_options(
 
 
 def asked_of(fit: fitting.Identification, own: Own = ()) -> Asked:
-    """Return the options of `famjax fit` in a fit loaded by `fitting.load_fit`, with the same `own`.
+    """Return the options of `famjax fit` that are stored in a fit.
+
+    Args:
+        fit: a fit loaded by `fitting.load_fit`.
+        own: the trusted modules, as passed to `fitting.load_fit`.
 
     Raises:
-        InputError: the file does not contain them, or a class named in them is not trusted.
+        InputError: the file does not contain the options, or a class named in them is not trusted.
     """
     held = fit.document.get("problem")
     if held is None:
         raise InputError(
-            "the file does not contain the options of its fit: use a fit.json written by famjax fit. For a "
+            "the file does not contain the options of the fit: use a fit.json written by famjax fit. For a "
             "fit from a script, call fitting.validate, fitting.profile, fitting.bootstrap or fitting.sample"
         )
     asked: dict[str, Any] = {
@@ -192,17 +196,17 @@ def solve(
     Args:
         data: the map.
         asked: options of the fit.
-        place: folder of the files.
-        units: units of output and report.
-        verbose: also print all tables and notes.
-        as_json: print the content of `fit.json` instead.
-        pairs: branches of raw ramps, for the hysteresis; None for none.
-        validation: cross-validate; the law, if none was given, is chosen again in every fold.
+        place: folder for the files.
+        units: units for output and report.
+        verbose: True to print all tables and notes as well.
+        as_json: True to print the contents of `fit.json` instead.
+        pairs: branches of raw ramps, to which hysteresis is fitted; None to omit hysteresis.
+        validation: True to cross-validate; if no law was given, it is chosen again in every fold.
         executor: executor for the repeated choices.
         **wanted: further evidence, see `fitting.evidence.gather`.
 
     Returns:
-        The exit code: 1 if nothing was identified.
+        The exit code: 1 if no muscle was identified.
 
     Raises:
         InputError: an option is invalid, or the data cannot support the fit.
@@ -238,7 +242,7 @@ def solve(
             evidence = dataclasses.replace(evidence, hysteresis=leave_out(fit_hysteresis(pairs)))
         suspicions = ()
         if doubtful(result):  # test likely errors in the data
-            tell("testing likely errors", 0, 1)
+            tell("checking for errors in the data", 0, 1)
             suspicions = suspect(result)
     question = "" if choice is None else choice.open_question
     judgement = judge(result, suspicions, evidence.left_out, question)
@@ -263,16 +267,16 @@ def _print(found: report.Findings, units: Units, *, verbose: bool) -> None:
         print("\n".join(("", *(f"note: {one}" for one in notes))))
     print_lines(found.summary(units))
     if notes and not verbose:
-        print(f"{len(notes)} notes and all tables: see report.html, or use --verbose")
+        print(f"For {len(notes)} notes and all tables, see report.html or use --verbose")
 
 
 def _options(
     data: fitting.ForceData, asked: Asked
 ) -> tuple[fitting.ForceData, dict[str, Any], SharedErrors, ShapeSurface | None]:
-    """Return the map, arguments of `identify` or `choose`, calibration errors and measured shape."""
+    """Return the map, the arguments of `identify` or `choose`, calibration errors and measured shape."""
     if asked.geometry is not None and asked.shape is not None:
         raise InputError(
-            "--shape also sets the geometry: use either --shape or --geometry, got both"
+            "--shape also sets the geometry, so use either --shape or --geometry, not both"
         )
     options, _ = identify_options([data], asked, [asked.law] if asked.law else [])
     options |= {name: getattr(asked, name) for name in ("constraint", "objective", "ends")}
@@ -291,7 +295,7 @@ def _identified(
     options: dict[str, Any],
     tell: Callable[[str, int, int], None],
 ) -> tuple[fitting.Identification, Choice | None]:
-    """Return the fit, and the choice of its law if no law was given."""
+    """Return the fit and, if no law was given, the choice that it comes from."""
     if asked.chosen:
         try:
             choice = fitting.choose(data, **options, progress=tell)
@@ -314,8 +318,8 @@ def _with_shape(
 ) -> tuple[fitting.ForceData, dict[str, Any], ShapeSurface]:
     """Return the map with notes on the shape, the options of a fit with this geometry, and the shape.
 
-    The turns of the threads are identified from the force unless the user sets them, since diameters
-    alone do not determine them.
+    The number of turns of a thread is identified from the force unless the user sets it, since diameters
+    alone do not determine it.
     """
     surface = fitting.shape_surface(pictures)
     geometry = surface.geometry(data.specimen)
@@ -323,9 +327,9 @@ def _with_shape(
     outside = (data.length < low) | (data.length > high)
     if outside.any():
         raise fitting.InputError(
-            f"all lengths must be in the range of the pictures, {low * 1e3:.4g} to {high * 1e3:.4g} mm; "
-            f"{int(outside.sum())} readings in {data.source} are outside: photograph the whole stroke, or "
-            "remove these readings"
+            f"all lengths must be within the photographed range, {low * 1e3:.4g} to {high * 1e3:.4g} mm, "
+            f"but {int(outside.sum())} readings in {data.source} are outside it: photograph the whole "
+            "stroke, or remove these readings"
         )
     named = {*options["bounds"], *options["parameters"]}
     least, most = surface.threads.turns_range()

@@ -54,7 +54,7 @@ def sweep(
 ) -> int:
     """Fit all combinations of order, pressure dependence and constraint for one geometry.
 
-    Writes `sweep.json` with all fits in SI. By default, the geometry is identified as in
+    Writes `sweep.json` with all fits in SI. The geometry is first identified as by
     `famjax fit --law polynomial`.
 
     Parameters
@@ -62,23 +62,24 @@ def sweep(
     data
         Read this CSV file or bundled map, as for `famjax fit`.
     order
-        Try these orders of the law, repeatable, 1 to 4.
+        Try these orders of the polynomial law, from 1 to 4 (repeatable).
     dependence
-        Try these pressure dependences of the coefficients, repeatable: fixed, linear, free.
+        Try these dependences of the coefficients on pressure (repeatable): fixed, linear, free.
     constraint
-        Try these constraints, repeatable: none, positive, slope, drucker.
+        Try these constraints (repeatable): none, positive, slope, drucker.
     objective
-        Choose the objective. mean_rmse: the RMSE averaged over pressures, as in the reference work.
+        Choose what to minimise. sum_of_squares: the sum of squared residuals; mean_rmse: the RMSE averaged
+        over pressures, as in the reference work.
     specimen
-        Describe the muscle, key_unit=value, repeatable.
+        Describe the muscle, key_unit=value (repeatable).
     column
-        Name the column of a quantity that is not recognised, as for `famjax fit`, repeatable.
+        Assign an unrecognised column to its quantity, as for `famjax fit` (repeatable).
     output
         Write the files to this folder; it is created if missing.
     units
-        Choose the units of the table: si, metric or us.
+        Choose the units for the table: si, metric or us.
     json_
-        Print one JSON object, in SI, and nothing else.
+        Print one JSON object in SI and nothing else.
     """
     fitting = load_fitting()
     from famjax.boundary.units import unit_system
@@ -99,7 +100,7 @@ def sweep(
     shown = [{name: row[key] for name, key in _SWEPT.items()} for row in rows]
     shown = [{**row, "verdict": row["verdict"].partition(":")[0]} for row in shown]
     stress = {**unit_system(units), "pressure": unit_system(units)["stress"]}
-    print_rows(f"{len(rows)} fits of {measured.specimen.name}", in_units(shown, stress))
+    print_rows(f"{len(rows)} fits to {measured.specimen.name}", in_units(shown, stress))
     place.tell(paths)
     return 0
 
@@ -111,7 +112,7 @@ _COLUMNS = {
     "rmse N": "rmse_N", "held-out pressures N": "lopo_rmse_N", "held-out lengths N": "lolo_rmse_N",
     "max error N": "max_error_N",
 }  # fmt: skip
-"""Columns of the table, and their keys in `compare.json`; "held-out" columns are RMSE."""
+"""Columns of the table, and their keys in `compare.json`; the "held-out" columns contain RMSE values."""
 
 
 def compare(
@@ -125,9 +126,9 @@ def compare(
     jobs: Jobs = None,
     json_: bool = False,
 ) -> int:
-    """Fit published static force models, and famjax's own, to one force map.
+    """Compare published static force models with famjax's own on one force map.
 
-    Each model is fitted to all loaded readings, and cross-validated by pressure and by length
+    Each model is fitted to all loaded readings and cross-validated by pressure and by length
     ("held-out" columns; inner lengths exclude the longest and the shortest). The table is
     sorted by the held-out error on inner lengths, which is missing if the other readings do not
     determine the model. Fitting all models takes a minute or two.
@@ -140,20 +141,20 @@ def compare(
     data
         Read this CSV file or bundled map, as for `famjax fit`.
     models
-        Fit only these models, repeatable. An unknown name prints the list of models.
+        Fit only these models (repeatable). An unknown name prints the list of models.
     own
-        Add your own model, module:Class, repeatable: `--own my_model:Gent`. It may be a complete model, or
-        a law, geometry or force term, which is then identified with the rest of the muscle.
+        Add your own model, module:Class (repeatable), as in `--own my_model:Gent`. It may be a complete
+        model, or a law, geometry or force term, which is then identified with the rest of the muscle.
     specimen
-        Describe the muscle, key_unit=value, repeatable.
+        Describe the muscle, key_unit=value (repeatable).
     column
-        Name the column of a quantity that is not recognised, as for `famjax fit`, repeatable.
+        Assign an unrecognised column to its quantity, as for `famjax fit` (repeatable).
     output
         Write the files to this folder; it is created if missing.
     jobs
         Set the number of processes.
     json_
-        Print one JSON object, in SI, and nothing else.
+        Print one JSON object in SI and nothing else.
     """
     fitting = load_fitting()
     from famjax.boundary.files import Origin
@@ -197,36 +198,36 @@ def series(
 ) -> int:
     """Identify several muscles of one series together, to predict muscles of other lengths.
 
-    All specimens share braid, bladder and rig; only the length differs. Each law, with and without a
-    deadband and a compliant rig, is cross-validated over specimens. The first law with a held-out error
-    at most 1.5 times the smallest is kept. Predictions are averaged over it and up to two more models
-    with the same law.
+    All specimens must have the same braid, bladder and rig; only the length differs. Each law, with and
+    without a deadband and a compliant rig, is cross-validated over specimens. The first law with a held-out
+    error of at most 1.5 times the smallest is kept. Predictions are averaged over this model and up to two
+    more models with the same law.
 
-    Writes `fit.json`, for `famjax predict fit.json --rest-length 132mm`, and prints a verdict. The exit
-    code is 1 if nothing was identified.
+    Writes `fit.json`, for use with `famjax predict fit.json --rest-length 132mm`, and prints a verdict. The
+    exit code is 1 if no muscle was identified.
 
     Parameters
     ----------
     data
-        Read these CSV files, one per specimen, with the lines `# specimen: name = ...` and
+        Read these CSV files, one for each specimen, with the lines `# specimen: name = ...` and
         `# specimen: rest_length_mm = ...`.
     column
-        Name the column of a quantity that is not recognised, as for `famjax fit`, repeatable.
+        Assign an unrecognised column to its quantity, as for `famjax fit` (repeatable).
     law
-        Try these laws, repeatable; default: linear, mooney-rivlin and ogden. linear and cubic are
-        polynomials; other names, and module:Class, are as for `famjax fit`.
+        Try these laws (repeatable); default: linear, mooney-rivlin and ogden. linear and cubic are
+        polynomial laws; other names, and module:Class, are as for `famjax fit`.
     free
-        Also identify this parameter in all models, repeatable: series_compliance, series_exponent,
+        Also identify this parameter in all models (repeatable): series_compliance, series_exponent,
         deadband_pressure, end_length, braid_compliance.
     bounds
-        Replace the bounds of a parameter, name_unit=min:max, repeatable. A single value fixes it:
-        `--bounds series_compliance_mm/N=0` for a rigid rig.
+        Set the bounds on a parameter, name_unit=min:max (repeatable). A single value fixes the parameter,
+        as in `--bounds series_compliance_mm/N=0` for a rigid rig.
     output
         Write the file to this folder; it is created if missing.
     units
-        Choose the units of the tables: si, metric (mm, kPa, N, MPa) or us (in, psi, lbf).
+        Choose the units for the tables: si, metric (mm, kPa, N, MPa) or us (in, psi, lbf).
     json_
-        Print the content of `fit.json` and nothing else.
+        Print the contents of `fit.json` and nothing else.
     """
     fitting = load_fitting()
     from famjax.boundary.files import Origin
@@ -268,7 +269,7 @@ def _print_series(document: Mapping[str, Any], shared: tuple[str, Any, Any], sys
     units, found = unit_system(system), document["series"]
     errors = found["leave_one_specimen_out_N"]
     families = [{"family": name, "left_out_rmse_N": error} for name, error in errors.items()]
-    print_rows("Models, by held-out error over specimens", in_units(families, units))
+    print_rows("Error of each model on held-out specimens", in_units(families, units))
     title = f"Specimens, fitted with {found['family']}"
     print_rows(title, in_units(found["specimens"], units))
     print_table("Shared parameters", *shared[1:])
@@ -293,32 +294,33 @@ def ramps(
 ) -> int:
     """Turn raw isometric pressure ramps into a static force map with its noise and hysteresis.
 
-    Writes `map.csv` (for `famjax fit`), `ramps.png`, `ramps.json` and, if records were filled and
-    vented, `branches.csv` (for `famjax assess --hysteresis`).
+    Writes `map.csv` (for `famjax fit`), `ramps.png`, `ramps.json` and, if the records include filling and
+    venting, `branches.csv` (for `famjax assess --hysteresis`).
 
     Parameters
     ----------
     records
-        Read these raw records, each with its length: `test8.csv=73.25mm`; or a CSV file with the
-        columns `file,length_mm`.
+        Read these raw records, each with its length, as in `test8.csv=73.25mm`; or a CSV file that lists
+        them in the columns `file,length_mm`.
     atmosphere
-        State the pressure reading of the vented muscle, `8.94kPa`.
+        State the pressure sensor's reading when the muscle is vented, such as `8.94kPa`.
     specimen
-        Describe the muscle, key_unit=value, repeatable; rest_length is required.
+        Describe the muscle, key_unit=value (repeatable); rest_length is required.
     column
-        Name the column of a quantity that is not recognised: `force="Kraft [N]"`, by name or number, with
-        the unit, repeatable; `pressure=-` ignores a column. Also `decimal=,` and, for absolute
-        pressures, `atmosphere=101.3kPa`.
+        Assign an unrecognised column to its quantity by the column's name or number, with the unit
+        (repeatable), as in `force="Kraft [N]"`. Use `pressure=-` to ignore a column, `decimal=,` for
+        decimal commas, and `atmosphere=101.3kPa` for absolute pressures.
     step_kPa
         Set the spacing between the pressures in the map.
     slack_below_N
-        Set the force below which the muscle counts as slack; default: derived from noise and sensor clamp.
+        Set the force below which the muscle counts as slack. By default it is derived from the noise and
+        the sensor's lower limit.
     output
         Write the files to this folder; it is created if missing.
     units
-        Choose the units of summary, figure and map: si, metric or us.
+        Choose the units for summary, figure and map: si, metric or us.
     json_
-        Print one JSON object, in SI, and nothing else.
+        Print one JSON object in SI and nothing else.
     """
     load_fitting()
     from famjax.boundary.files import Origin

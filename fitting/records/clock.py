@@ -1,4 +1,4 @@
-"""Clock alignment: device ticks to host time, and the machine's clock to the journal's."""
+"""Align clocks: the device's with the host's, and the test machine's with the journal's."""
 
 import dataclasses
 
@@ -10,7 +10,7 @@ from famjax.boundary.errors import InputError
 Series = tuple[np.ndarray, np.ndarray]
 """Times [s] and forces [N] of a record."""
 MAX_RATE = 0.01
-"""Largest accepted relative rate difference between two clocks: ten seconds in a quarter of an hour."""
+"""Largest accepted relative difference between two clock rates: ten seconds in a quarter of an hour."""
 
 _PASSES = 3
 _WINDOW = 10.0  # s, within which the error of a clock map is constant
@@ -28,16 +28,16 @@ _FEWEST = 50  # fewest load readings for an alignment
 
 @dataclasses.dataclass(frozen=True)
 class ClockMap:
-    """Map from device time to host time; it neglects the shortest latency and drift within a window.
+    """Map from device time to host time, neglecting the shortest latency and any drift within a window.
 
-    host = offset + rate device + s(device), with s piecewise linear for the drift of the oscillator.
+    host = offset + rate device + s(device), where s is piecewise linear and follows the oscillator's drift.
 
     Attributes:
         offset: host time [s] at device time zero.
         rate: host seconds per device second.
         knots: device times [s] of the knots of s, shape (n,), increasing.
         residuals: values of s at the knots [s], shape (n,); constant beyond the ends.
-        error: standard deviation [s] of s between the knots, from leaving out each knot.
+        error: standard deviation [s] of s between the knots, estimated by leaving out each knot in turn.
     """
 
     offset: float
@@ -56,8 +56,8 @@ def fit_clock(device: ArrayLike, host: ArrayLike, *, window: float = _WINDOW) ->
     """Fit the map from device to host time as the lower envelope of arrival times.
 
     A record cannot arrive before it is created, so the earliest arrival in each window has the shortest
-    latency. A line represents the mean drift. The remaining deviations of the earliest arrivals are
-    interpolated, to follow an unsteady oscillator.
+    latency. A straight line represents the mean drift. The remaining deviations of the earliest arrivals
+    are interpolated, so that the map follows an unsteady oscillator.
 
     Args:
         device: device times [s] of records, shape (n,), n >= 2, in any order.
@@ -65,7 +65,7 @@ def fit_clock(device: ArrayLike, host: ArrayLike, *, window: float = _WINDOW) ->
         window: length [s] of a window; variations slower than four windows are followed.
 
     Returns:
-        The map, which returns the creation time of a record plus the shortest latency.
+        The map, which converts device time to the creation time of a record plus the shortest latency.
 
     Raises:
         InputError: there are fewer than two distinct device times, shapes differ, or values are not
@@ -139,7 +139,7 @@ def _earliest(cell: np.ndarray, late: np.ndarray) -> np.ndarray:
 class Alignment:
     """Alignment of the machine's clock with the journal's.
 
-    t_journal = t + offset + rate (t - reference),  t the machine's time
+    t_journal = t + offset + rate (t - reference), where t is the machine's time.
 
     Attributes:
         offset: offset at the reference [s].
@@ -177,12 +177,12 @@ def align_by_load(
     near: tuple[float, float] | None = None,
     time_error: float = 0.0,
 ) -> Alignment:
-    """Align two clocks by the load that both have recorded; gain and zero are free.
+    """Align two clocks by the load that both recorded; the gain and zero of the load are fitted as well.
 
-    Minimises the squares of F_journal(t) - a F_log(t) - b over offset, rate, a and b, starting from the
-    offset with the best correlation. The standard errors are valid for residuals that are correlated over
-    less than a twentieth of the record, equally during load changes and elsewhere. A delay in either
-    channel is neglected and becomes an error in the offset.
+    Minimises the sum of squares of F_journal(t) - a F_log(t) - b over offset, rate, a and b, starting from
+    the offset with the best correlation. The standard errors assume that residuals are correlated over less
+    than a twentieth of the record, and equally so during load changes and elsewhere. A delay in either
+    channel is neglected and causes an error in the offset.
 
     Args:
         journal_time: journal times [s], increasing, shape (n,).
@@ -231,7 +231,7 @@ def _best_lag(journal: Series, log: Series, near: tuple[float, float] | None) ->
     k = int(np.argmax(explained))
     if not correlation[k] >= _LEAST_AGREEMENT:
         raise InputError(
-            f"the loads of journal and log do not match: their best correlation must be at least "
+            f"the loads in journal and log do not match: their best correlation must be at least "
             f"{_LEAST_AGREEMENT}, got {correlation[k]:.2f}. Check that both are from the same test and "
             "have the same sign"
         )
@@ -242,8 +242,8 @@ def _best_lag(journal: Series, log: Series, near: tuple[float, float] | None) ->
     if rivals.size:
         raise InputError(
             f"the loads agree at more than one offset, such as {lags[k]:.1f} s and "
-            f"{lags[rivals[0]]:.1f} s: equal strokes cannot be distinguished. Give "
-            "near=(offset, within)"
+            f"{lags[rivals[0]]:.1f} s: equal strokes cannot be distinguished. Pass near=(approximate "
+            "offset, its largest error), in s"
         )
     return float(lags[k])
 
@@ -258,8 +258,8 @@ def _smoothed(time: np.ndarray, force: np.ndarray) -> Series:
 def _correlation(journal: Series, log: Series) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the correlation at lags half a second apart, the lags [s], and the variance in the overlap.
 
-    The correlation is -1 if the overlap is constant, or below half of the shorter record. The variance is
-    that of the shorter record, relative to its largest value.
+    The correlation is -1 if the load is constant in the overlap, or if the overlap is less than half the
+    shorter record. The variance is that of the shorter record, relative to its largest value.
     """
     from scipy.signal import correlate  # noqa: PLC0415 -- 0.2 s
 
@@ -285,7 +285,7 @@ def _correlation(journal: Series, log: Series) -> tuple[np.ndarray, np.ndarray, 
 def _sampled(
     t: np.ndarray, f: np.ndarray, step: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return bin centres, centred bin means, and 1 for bins with readings, else 0."""
+    """Return bin centres, bin means about their average, and 1 for bins with readings, 0 for others."""
     index = np.floor((t - t[0]) / step).astype(int)
     n = np.bincount(index)
     held = n > 0
@@ -301,8 +301,8 @@ def _refined(
     """Determine offset, rate and their errors by Gauss-Newton on F_j - a F_m - b.
 
     The log is interpolated by a cubic with slopes from central differences. Straight lines would be
-    biased at bends, and the few rows of a pressure change determine most of the offset. Readings are
-    weighted by the interpolation error, since a slow log resolves slow strokes but not fast changes.
+    biased at bends, and the few rows during a pressure change determine most of the offset. Readings with
+    a large interpolation error have less weight, since a slow log cannot resolve fast changes.
     """
     from scipy.interpolate import CubicHermiteSpline  # noqa: PLC0415 -- 0.2 s
 
@@ -338,7 +338,7 @@ def _refined(
         scale = np.sqrt((J**2).sum(axis=0))
         if scale[0] == 0:
             raise InputError(
-                "the load must vary for clocks to be aligned by load, got a constant load"
+                "the load must vary so that clocks can be aligned by it, but it is constant"
             )
         step = np.linalg.lstsq(J / scale, left, rcond=None)[0] / scale
         step *= 1.0 if done < _STEPS // 3 else 0.5  # damp oscillations
@@ -365,10 +365,10 @@ def _refined(
 def _covariance_of_scores(left: np.ndarray, J: np.ndarray) -> np.ndarray:
     """Return the covariance of J^T e for errors e with the autocorrelation of the residuals, shape (4, 4).
 
-    S = sum over lags k of w_k g_k sum over i of J_i J_{i+k}^T, with g the autocovariance of all residuals
-    and w a triangle that vanishes at `_CORRELATED` of the record. A sandwich covariance, J^T e e^T J over
-    parts of the record, would be too small: the few pressure changes that determine the offset pull the
-    fit, so their residuals are smaller than their errors.
+    S = sum over lags k of w_k g_k sum over i of J_i J_{i+k}^T, where g is the autocovariance of all
+    residuals and w is a triangle that vanishes at a lag of `_CORRELATED` of the record. A sandwich
+    covariance, J^T e e^T J over parts of the record, would be too small: the few pressure changes that
+    determine the offset dominate the fit, so their residuals are smaller than their errors.
 
     References:
         Newey & West 1987, Econometrica 55: the weights of the lags.

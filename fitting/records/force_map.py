@@ -1,4 +1,4 @@
-"""Static force maps from raw ramps: mean of fill and vent branches, hysteresis, output files."""
+"""Compute static force maps from raw ramps: mean of fill and vent branches, hysteresis, output files."""
 
 import csv
 import dataclasses
@@ -59,7 +59,7 @@ class StaticMap:
             `n_slack`, `n_unsettled`); RMS of the reading noise (`noise_N`), of the points' `stderr_N` and
             of the hysteresis (`half_width_rms_N`); and `repeatability_N`, the standard deviation between
             records pooled over pressures. Forces refer to pulling states; nan if there are none.
-        points: quasi-static points of the map.
+        points: quasi-static points from which the map was computed.
     """
 
     length: Column
@@ -71,7 +71,7 @@ class StaticMap:
     points: QuasiStatic
 
     def force_data(self, specimen: Specimen) -> ForceData:
-        """Return the map without its slack rows as data for an identification.
+        """Return the map without its slack rows as a `ForceData`, from which a muscle can be identified.
 
         Raises:
             InputError: all rows are slack, or `ForceData` rejects the map.
@@ -86,19 +86,19 @@ class StaticMap:
         noisy = bool((std > _LEAST_STD * self.force.max()).all())
         notes = [
             f"Forces are quasi-static (mean of fill and vent branches of {len(self.points.records)} "
-            f"records). The reading at atmospheric pressure, {self.points.atmosphere / 1e3:.4g} kPa, is "
+            f"records). The reading at atmospheric pressure, {self.points.atmosphere / 1e3:.4g} kPa, was "
             "subtracted.",
             f"{int((~kept).sum())} of {self.slack.size} rows are slack (below "
-            f"{self.points.slack_below:.4g} N) and left out.",
+            f"{self.points.slack_below:.4g} N) and were left out.",
         ]
         if unused := sum(one["n_unused"] for one in self.lengths):
-            notes.append(f"{unused} records lack one of the branches and are not used.")
+            notes.append(f"{unused} records lack one of the branches and were not used.")
         if not noisy:
             notes.append("The readings show no noise, so the forces have no standard deviation.")
         elif any(math.isnan(one["repeatability_N"]) for one in self.lengths):
             notes.append(
-                "Some lengths have no repeated pressures. The standard deviation of their forces uses the "
-                "repeatability at the other lengths or, without any, the noise alone."
+                "At some lengths, no pressure was repeated. The standard deviation of the forces there is "
+                "based on the repeatability at other lengths or, if there is none, on the noise alone."
             )
         return ForceData(
             force=self.force[kept],
@@ -116,10 +116,10 @@ def static_map(points: QuasiStatic, *, step: float = 25e3) -> StaticMap:
 
     Each branch of each record is interpolated by a shape-preserving cubic through its settled points.
     Points closer than 1 % of the pressure range are averaged first; the hold before a turn belongs to
-    both branches. The force has a kink where the muscle becomes slack between two points: the curve
-    of the pulling points is extended linearly towards the slack point while it pulls, and lower
-    pressures are slack. (The cubic joins a single pulling point to the slack one.) Nothing is
-    extrapolated beyond the points.
+    both branches. The force has a kink where the muscle becomes slack between two points. There, the
+    curve through the pulling points is extended linearly towards the slack point until the muscle is
+    slack; it is slack at all lower pressures. (If only one point pulls, the cubic joins it to the
+    slack point.) Nothing is extrapolated beyond the points.
 
     The mean is computed first over the branches of a record, then over the records that pull, so
     differences between records do not affect the hysteresis.
@@ -159,15 +159,15 @@ def _common_pressures(points: QuasiStatic, step: float) -> Column:
 def _at_length(
     points: QuasiStatic, length: float, pressures: Column
 ) -> tuple[tuple[np.ndarray, ...], dict[str, Any]]:
-    """Return the columns of the map at a length, with the number of records, and their summary."""
+    """Return the columns of the map at one length, including the number of records, and a summary."""
     records = [i for i, record in enumerate(points.records) if record.length == length]
     forces, pulls = _curves(points, records, pressures)
     force, pull = forces.mean(axis=0), np.asarray(pulls.all(axis=0))
     known = np.isfinite(force).any(axis=0)
     if not known.any():
         raise InputError(
-            f"no record at {length * 1e3:.6g} mm has both branches at a common pressure: record filling "
-            "and venting, or use smaller steps (--step-kPa)"
+            f"no record at {length * 1e3:.6g} mm has both branches at a common pressure: record both "
+            "filling and venting, or use smaller steps (--step-kPa)"
         )
     pulling = np.asarray(pull.any(axis=0))
     used = np.where(pulling, pull, np.isfinite(force))[:, known]
@@ -267,7 +267,7 @@ def ramp_pairs(points: QuasiStatic, *, rest_length: float, step: float = 25e3) -
         step: spacing of the common pressures [Pa], which start at zero.
 
     Returns:
-        The pairs of all records that have any.
+        The branch pairs of all records that have any.
 
     Raises:
         InputError: the step is not positive, or no record has both branches.
@@ -290,8 +290,8 @@ def ramp_pairs(points: QuasiStatic, *, rest_length: float, step: float = 25e3) -
             )  # fmt: skip
     if not parts:
         raise InputError(
-            "no record has both branches in states where the muscle pulls: hysteresis requires records "
-            "of both filling and venting"
+            "no record has both branches in states where the muscle pulls: for hysteresis, record both "
+            "filling and venting"
         )
     return BranchPairs.joined(parts)
 
@@ -337,8 +337,8 @@ def read_ramps(
     """Read the records named by entries such as `test8.csv=73.25mm`.
 
     Args:
-        entries: `FILE=LENGTH` with the unit of the length; or a list, which is a CSV file with the columns
-            `file` (relative to the list's folder) and `length_mm` (or another unit).
+        entries: `FILE=LENGTH`, with the unit of the length; or the name of a list, which is a CSV file with
+            the columns `file` (relative to the list's folder) and `length_mm` (or another unit).
         columns: column name of each quantity in the records, see `read_ramp`.
 
     Raises:
@@ -353,8 +353,8 @@ def read_ramps(
             named += _listed(Path(entry))
     if not named:
         raise InputError(
-            "no records were given: name each with its length, as in test8.csv=73.25mm, or give a list "
-            "(a CSV file with the columns file and length_mm)"
+            "no records were given: name each record with its length, as in test8.csv=73.25mm, or name a "
+            "list (a CSV file with the columns file and length_mm)"
         )
     paths = [path for path, _ in named]
     twice = next((path for path in paths if paths.count(path) > 1), None)
@@ -397,10 +397,10 @@ def ramps_command(
         atmosphere: reading at atmospheric pressure [Pa].
         columns: column name of each quantity in the records, see `read_ramp`.
         specimen: fields of `Specimen` in SI, including the rest length.
-        step: spacing of the pressures of the map [Pa].
-        slack_below: force [N] below which a muscle does not pull; None to detect it.
-        system: units of notes, figure and map: "si", "metric" or "us".
-        tell: function called with a description of the columns of the records.
+        step: spacing of the pressures in the map [Pa].
+        slack_below: force [N] below which the muscle counts as slack; None to detect it.
+        system: units for notes, figure and map: "si", "metric" or "us".
+        tell: function that is called with a description of how the columns were interpreted.
 
     Returns:
         The JSON-ready summary in SI, with units in the keys and null for missing values; and the contents
@@ -412,7 +412,7 @@ def ramps_command(
     unit_system(system)
     if not specimen or "rest_length" not in specimen:
         raise InputError(
-            "the rest length of the muscle must be given (--specimen rest_length_mm=...), since the "
+            "the rest length of the muscle must be given (--specimen rest_length_mm=...), because the "
             "longest recorded length may differ from it"
         )
     muscle = describe({"name": "ramps", **specimen}, specimen["rest_length"])
@@ -434,13 +434,13 @@ def ramps_command(
 
 
 def _check_ranges(records: Iterable[RampRecord]) -> None:
-    """Reject records at constant pressure."""
+    """Reject records in which the pressure is nearly constant."""
     for record in records:
         low, high = np.quantile(record.pressure, [0.01, 0.99]).tolist()
         if high - low < _LEAST_RANGE * abs(high):
             raise InputError(
-                f"{record.source}: the pressure must sweep a range at constant length, got only "
-                f"{low / 1e3:.4g} to {high / 1e3:.4g} kPa. Check the column (--column pressure=). For "
+                f"{record.source}: the pressure must sweep a range at constant length, but it only ranges "
+                f"from {low / 1e3:.4g} to {high / 1e3:.4g} kPa. Check the column (--column pressure=). For "
                 "strokes at constant pressure, use famjax characterise"
             )
 
@@ -468,7 +468,7 @@ def _summary(static: StaticMap) -> dict[str, Any]:
 
 
 def plot_ramps(static: StaticMap, system: str = "metric") -> "Figure":
-    """Plot points and map against pressure, one colour per length.
+    """Plot the points and the map against pressure, in one colour for each length.
 
     Args:
         static: result of `static_map`.
@@ -498,7 +498,7 @@ def plot_ramps(static: StaticMap, system: str = "metric") -> "Figure":
     slack = points.pressure[points.slack] / pressure, points.force[points.slack] / force
     axes.plot(*slack, "x", color="0.7", ms=3)
     axes.legend(frameon=False, fontsize=8)
-    axes.set_title("triangles up: fill, down: vent; crosses: slack; lines: map", fontsize=9)
+    axes.set_title("triangles: fill (up), vent (down); crosses: slack; lines: map", fontsize=9)
     axes.set_ylabel(f"force, {units['force']}")
     axes.set_xlabel(f"gauge pressure, {units['pressure']}")
     return figure

@@ -27,11 +27,11 @@ from ..convex import Status, solve_qp
 from .record import Column, check_positive, set_columns
 
 MODULUS = 1e6
-"""Modulus E [Pa] in the coordinates, of the same order as that of rubber: see `famjax.slip.MaxwellSlip`."""
+"""Modulus E [Pa] in the slip coordinates, of the order of that of rubber: see `famjax.slip.MaxwellSlip`."""
 SHRINKAGE = 1e-3
 """Weight of the sum of squared strengths, relative to the largest squared column norm."""
 PREDICTS = 0.6
-"""Largest held-out error, relative to the measured half-difference, that gives no warning."""
+"""Held-out error, relative to the measured half-difference, above which a warning is given."""
 
 _ELEMENTS = 8  # thresholds on each coordinate
 _OCTAVES = 7  # between the lowest and the highest threshold
@@ -69,13 +69,13 @@ class History:
 
 
 def read_history(path: str | Path, columns: Mapping[str, str] | None = None) -> History:
-    """Read a history from a file.
+    """Read a history of lengths and pressures from a file.
 
     Args:
         path: file with columns for length, pressure and optionally time, each with its unit, as in
             `time_s,length_mm,pressure_kPa`, see `famjax.tables.read_table`. Rows are in chronological
             order.
-        columns: column name of each quantity that cannot be recognised.
+        columns: column name of each quantity whose column cannot be recognised.
 
     Returns:
         The history in SI.
@@ -94,7 +94,7 @@ def read_history(path: str | Path, columns: Mapping[str, str] | None = None) -> 
 
 @dataclasses.dataclass(frozen=True)
 class BranchPairs:
-    """Half-differences between the branches of ramps, in which a vented muscle is filled and vented again.
+    """Half-differences between the fill and vent branches of ramps that start from a vented muscle.
 
     Attributes:
         length: length L [m] of each point, shape (n,).
@@ -139,7 +139,7 @@ class BranchPairs:
         rest_length: float,
         name: str = "ramp",
     ) -> "BranchPairs":
-        """Create the branch pairs of one record at constant length that starts vented.
+        """Create the branch pairs of one record at constant length that starts from a vented muscle.
 
         Args:
             length: constant length L [m].
@@ -192,8 +192,8 @@ def _rms(values: Column) -> float:
 def threshold_grid(pairs: BranchPairs) -> Thresholds:
     """Return eight thresholds on each coordinate, each twice the previous one.
 
-    The highest is half the largest range of a record, since only elements below it slide both ways; 1 if
-    all records are at the rest length, where no coordinate changes.
+    The highest is half the largest range of a record, since only elements with lower thresholds slide in
+    both directions. It is 1 if all records are at the rest length, where no coordinate changes.
     """
     start, turn = (_coordinates(pairs, pressure) for pressure in (0.0, pairs.turn_pressure))
     ranges = [float(np.abs(b - a).max()) for a, b in zip(start, turn, strict=True)]
@@ -217,19 +217,19 @@ def half_difference_columns(
 
 
 def _coordinates(pairs: BranchPairs, pressure: Column | float) -> tuple[Column, Column]:
-    """Return the wall and braid coordinates of the points at other pressures [Pa]."""
+    """Return the wall and braid coordinates at the points' lengths and the given pressures [Pa]."""
     wall, braid = slip_coordinates(pairs.length, pressure, pairs.rest_length, MODULUS)
     return np.asarray(wall), np.asarray(braid)
 
 
 @dataclasses.dataclass(frozen=True)
 class HysteresisLeftOut:
-    """Errors of half-differences predicted for held-out groups.
+    """Errors in the half-differences predicted for held-out groups.
 
     Attributes:
         groups: kind of group: record or length.
         rms: root mean square error [N] of the predictions.
-        ratio: that error relative to the root mean square of the measured values.
+        ratio: ratio of `rms` to the root mean square of the measured values.
     """
 
     groups: str
@@ -248,7 +248,7 @@ class HysteresisFit:
         rms: root mean square error [N] of the half-difference.
         kkt_residual: largest violation of the optimality conditions, relative to the data.
         duality_gap: duality gap relative to the objective.
-        left_out: errors of held-out predictions; empty before `leave_out`.
+        left_out: errors of held-out predictions; empty until `leave_out` is called.
     """
 
     centred: CentredSlip
@@ -272,8 +272,8 @@ def fit_hysteresis(pairs: BranchPairs) -> HysteresisFit:
         minimise 1/2 |A S - h|^2 + 1/2 r |a|^2 |S|^2   subject to   S >= 0
 
     At fixed thresholds the force is linear in the strengths S, so the programme is convex and its optimum
-    is global. The second term, with a the largest column of A, selects among strengths that the records do
-    not determine, and gives zero strength to elements that never move.
+    is global. In the second term, a is the largest column of A. This term selects among strengths that the
+    records do not determine, and assigns zero strength to elements that never move.
 
     Raises:
         InputError: the programme has no certified optimum.
@@ -307,7 +307,7 @@ def fit_hysteresis(pairs: BranchPairs) -> HysteresisFit:
 
 
 def leave_out(fit: HysteresisFit) -> HysteresisFit:
-    """Cross-validate a fit: leave out each record, and each length; return the fit with `left_out`.
+    """Cross-validate a fit by leaving out each record and each length; return it with `left_out` set.
 
     Thresholds are chosen again from the remaining records.
     """
@@ -345,7 +345,7 @@ def hysteresis_as_dict(fit: HysteresisFit) -> dict[str, Any]:
 def hysteresis_table(
     fit: HysteresisFit, system: str
 ) -> tuple[str, tuple[str, ...], list[tuple[str, ...]]]:
-    """Return the fit as a table of text in a unit system: title, header, rows."""
+    """Return the fit as a text table in a unit system: title, header and rows."""
     unit, measured = unit_system(system)["force"], fit.pairs.measured_rms
 
     def row(name: str, value: float) -> tuple[str, str, str]:
@@ -356,7 +356,7 @@ def hysteresis_table(
         row("measured", measured),
         row("error of the fit", fit.rms),
         *(row(f"held-out error, one {one.groups} left out", one.rms) for one in fit.left_out),
-        ("elements with a strength", str((fit.strength > 0).sum()), ""),
+        ("elements with nonzero strength", str((fit.strength > 0).sum()), ""),
     ]
     title = f"Hysteresis: half-difference of the branches, RMS over {fit.pairs.record.size} points"
     return title, ("", unit, "of measured"), rows
@@ -368,10 +368,10 @@ def hysteresis_warnings(fit: HysteresisFit) -> tuple[str, ...]:
     if not (fit.strength > 0).any():
         found.append(
             "All elements of the hysteresis model have zero strength: the branches are swapped, or all "
-            "are at the rest length, where the model has no loop."
+            "records are at the rest length, where the model has no hysteresis."
         )
     found += [
-        f"The hysteresis model does not predict a held-out {one.groups}: its error is {one.ratio:.0%} of "
+        f"The hysteresis model predicts a held-out {one.groups} poorly: its error is {one.ratio:.0%} of "
         "the measured half-difference."
         for one in fit.left_out
         if not one.ratio <= PREDICTS

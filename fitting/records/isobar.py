@@ -1,4 +1,4 @@
-"""Tests at constant pressure: strokes, curves, key figures and a force map from machine log and journal."""
+"""Evaluate tests at constant pressure: strokes, curves, key figures and a force map."""
 
 import dataclasses
 import itertools
@@ -49,7 +49,7 @@ class IsobaricRecord:
         length: active length L [m], shape (n,).
         force: F [N], positive when the muscle pulls, shape (n,).
         pressure: measured gauge pressure [Pa], shape (n,).
-        set_pressure: current set point, gauge [Pa], shape (n,); nan if there is none.
+        set_pressure: set point at each time, gauge [Pa], shape (n,); nan if there is none.
         rest_length: rest length L0 [m].
         notes: remarks on omitted data.
     """
@@ -87,17 +87,17 @@ def combine(
 ) -> IsobaricRecord:
     """Combine the machine log and the journal of a test into one record.
 
-    L = L0 + (displacement - zero). Each row gets the nearest pressure reading in the journal, not a mean,
-    which preserves the measured scatter. Rows in gaps of the journal and before the first set point are
-    left out.
+    L = L0 + (displacement - zero). Each row is assigned the nearest pressure reading in the journal rather
+    than a mean, to preserve the measured scatter. Rows in gaps in the journal, or before the first set
+    point, are left out.
 
     Args:
         log: log of the machine.
-        alignment: alignment of its clock with the journal's.
+        alignment: alignment of the machine's clock with the journal's.
         journal_time: times [s], increasing, shape (n,).
         journal_pressure: gauge pressures [Pa], shape (n,).
-        set_points: journal time [s] and the set pressure [Pa] that starts then, in order; nan ends a
-            set point.
+        set_points: pairs of a journal time [s] and the set pressure [Pa] that applies from then on, in
+            order; a set pressure of nan ends the previous one.
         rest_length: rest length L0 [m].
         shortening_positive: True if the machine's displacement grows as the muscle shortens.
         zero_displacement: displacement reading at L0 [m].
@@ -127,7 +127,8 @@ def combine(
     notes = []
     if not heard.all():
         notes.append(
-            f"{(~heard).sum()} rows of the machine log have no matching pressure in the journal."
+            f"{(~heard).sum()} rows of the machine log have no matching pressure in the journal and were "
+            "left out."
         )
     if log.missing_rows:
         notes.append(f"{log.missing_rows} rows are missing from the machine log.")
@@ -188,8 +189,8 @@ class Isobar:
     Attributes:
         set_pressure: set pressure, gauge [Pa].
         pressure: mean of the measured pressure during the strokes [Pa].
-        pressure_std: its standard deviation [Pa] (Chambers 2021, tables 3.3 and 3.4).
-        largest_pressure_error: largest deviation from the set pressure [Pa].
+        pressure_std: standard deviation of the measured pressure [Pa] (Chambers 2021, tables 3.3 and 3.4).
+        largest_pressure_error: largest deviation of the measured pressure from the set pressure [Pa].
         cycles: number of averaged strokes.
         length: active lengths [m], decreasing from near the longest, shape (n,).
         shortening: F [N] on the concentric branch, shape (n,).
@@ -201,8 +202,8 @@ class Isobar:
             at least half a second. It includes friction from the preceding motion.
         blocked_force_std: scatter of F [N] during that hold.
         free_contraction: (L0 - L)/L0 at which the force of the shortening muscle vanishes, averaged over
-            the strokes; nan if the machine turned earlier.
-        free_contraction_std: its scatter between strokes; nan for a single stroke.
+            the strokes; nan if the machine reversed before that.
+        free_contraction_std: scatter of the free contraction between strokes; nan for a single stroke.
         hysteresis: work lost in a stroke [J], the area between the branches.
     """
 
@@ -225,7 +226,7 @@ class Isobar:
 
     @property
     def force(self) -> np.ndarray:
-        """The mean curve F [N], half the sum of both branches, shape (n,)."""
+        """Mean of both branches, F [N], shape (n,)."""
         return (self.shortening + self.lengthening) / 2
 
 
@@ -254,7 +255,7 @@ class Characterisation:
 def characterise(record: IsobaricRecord, *, skip_cycles: int = 0) -> Characterisation:
     """Compute curves and key figures at every set pressure; rate effects are neglected.
 
-    Branches are evaluated at 100 lengths that every stroke at that pressure covers, by local
+    Branches are evaluated at 100 lengths that every stroke at that pressure covers, by fitting local
     straight lines over two grid steps. Strokes are then averaged.
 
     Args:
@@ -292,10 +293,10 @@ def characterise(record: IsobaricRecord, *, skip_cycles: int = 0) -> Characteris
             notes.append(f"The strokes at {pressure:.6g} Pa were left out: {error}")
     if not isobars:
         raise InputError(
-            f"no complete stroke in {record.time.size} rows over {np.ptp(record.time):.5g} s, at lengths "
-            f"{record.length.min():.5g} to {record.length.max():.5g} m, after skipping {skip_cycles} "
-            "cycles: check that journal and log are complete and from the same test (famjax rig check). "
-            + " ".join(notes)
+            f"there is no complete stroke in {record.time.size} rows over {np.ptp(record.time):.5g} s, at "
+            f"lengths {record.length.min():.5g} to {record.length.max():.5g} m, after skipping "
+            f"{skip_cycles} cycles: check that journal and log are complete and from the same test (famjax "
+            "rig check). " + " ".join(notes)
         )
     return Characterisation(tuple(isobars), record.rest_length, (*record.notes, *notes))
 
@@ -347,7 +348,7 @@ def _isobar(record: IsobaricRecord, set_pressure: float, found: list[Stroke]) ->
 
 
 def _curve(record: IsobaricRecord, of: str, rows: slice, at: np.ndarray) -> np.ndarray:
-    """Evaluate a column at evenly spaced lengths by local straight lines over two steps."""
+    """Evaluate a column at evenly spaced lengths by fitting local straight lines over two steps."""
     width = float(at[0] - at[1])
     values, count = _local_lines(record.length[rows], getattr(record, of)[rows], at, width)
     thin = count < 3
@@ -364,8 +365,8 @@ def _local_lines(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return values from straight lines through the points within `width`, and the number of points.
 
-    A global polynomial is subtracted first, since a line is biased on a curved stretch and near the
-    ends. If all points within reach coincide, their mean is used.
+    A global polynomial is subtracted first, since a line is biased where the curve bends and near the
+    ends. If all points within `width` coincide, their mean is used.
     """
     order = np.argsort(x, kind="stable")
     x, y = x[order], y[order]
@@ -398,7 +399,7 @@ def _window_sums(columns: np.ndarray, x: np.ndarray, at: np.ndarray, width: floa
 
 
 def _free_contraction(record: IsobaricRecord, rows: slice) -> float:
-    """Return the contraction at zero force on a shortening branch, at most a step beyond its end."""
+    """Return the contraction at zero force on a shortening branch, or at most one step beyond its end."""
     at, step = np.linspace(record.length[rows].max(), record.length[rows].min(), GRID, retstep=True)
     curve = _curve(record, "force", rows, at)
     fallen = np.flatnonzero(curve <= 0)
@@ -412,7 +413,7 @@ def _free_contraction(record: IsobaricRecord, rows: slice) -> float:
 
 
 def _held_force(record: IsobaricRecord, set_pressure: float, start: int) -> np.ndarray:
-    """Return the forces in the second half of the hold before a stroke, at most its last two seconds."""
+    """Return the forces in the second half of the hold before a stroke, but at most two seconds of it."""
     stop = start + 1
     length = record.length[:stop]
     near = np.abs(length - record.rest_length) <= _AT_REST * record.rest_length
@@ -443,7 +444,7 @@ def write_dataset(
 
     Args:
         found: the characterisation.
-        path: the file, for `fitting.read_csv`; an existing one is replaced.
+        path: the file to write, which `fitting.read_csv` can read; an existing file is replaced.
         specimen: further specimen entries with units in the keys, such as {"wall_thickness_mm": 1.6}.
 
     Returns:
@@ -464,8 +465,8 @@ def write_dataset(
         text = str(value).lower() if isinstance(value, bool) else str(value)
         if key.startswith("rest_length") or "\n" in f"{key}{text}":
             raise InputError(
-                f"the specimen's {key} = {text!r} must fit on one line and must not repeat the rest "
-                "length, which the record already has"
+                f"the specimen entry {key} = {text!r} must fit on one line and must not repeat the rest "
+                "length, which is already known from the record"
             )
         lines.append(f"# specimen: {key} = {text}")
     tolerance = _tolerance([rows[:, 0] for rows in readings])
@@ -497,7 +498,7 @@ def _readings(bar: Isobar, common: np.ndarray, friction: float) -> np.ndarray:
     Each value comes from a line through the isobar's points within half a step of the common length, so
     short strokes are as precise as long ones. With a friction share f of the force, F = D (P - P_d) gives
     ((1 - f) F(P_s) + (1 + f) F(P_l))/2 = F(((1 - f) P_s + (1 + f) P_l)/2),
-    which defines the pressure that belongs to the mean of both branches.
+    which defines the pressure that corresponds to the mean of both branches.
     """
     low, high = bar.shortening_pressure, bar.lengthening_pressure
     pressure = ((1 - friction) * low + (1 + friction) * high) / 2
@@ -514,7 +515,8 @@ def _friction(bars: Sequence[Isobar]) -> float:
     """Return the friction share f of the force, averaged over all isobars.
 
     The branches of an isobar differ by 2 f F and by the effect of their pressure difference. The smaller
-    the relative pressure difference, the better an isobar determines f; weights are its inverse square.
+    the relative pressure difference, the better an isobar determines f. Each isobar is therefore weighted
+    by the inverse square of this difference.
     """
     shares, weights = [], []
     for bar in bars:

@@ -36,7 +36,7 @@ class OtherMotion(SyncError):  # noqa: N818 - says what was found
 
 @dataclass(frozen=True)
 class Synchronisation:
-    """Machine time of pictures, log_time = t + offset + (rate - 1)(t - reference).
+    """Conversion from camera time t to machine time: log_time = t + offset + (rate - 1)(t - reference).
 
     Args:
         offset: offset of the machine's clock from the camera's at the camera time `reference` [s].
@@ -106,7 +106,8 @@ class _Motion:
     def known(self, at: np.ndarray) -> np.ndarray:
         """Return True at times with a known position: within the log, or outside if the machine is at rest.
 
-        The machine is taken to be at rest before (after) the log if it is so over its first (last) 1 %.
+        The machine is assumed at rest before (after) the log if it is at rest during the log's first
+        (last) 1 %.
         """
         first, last = self.log.time[0], self.log.time[-1]
         little = 0.01 * (last - first)
@@ -137,11 +138,11 @@ def synchronise(
     """Fit offset and rate of the machine's clock relative to the camera's, for a stiff rig.
 
     Fits length_i = a -+ x(t_i + offset + (rate - 1)(t_i - reference)) by least squares over offset, rate
-    and a, where x is the logged displacement, constant before and after the log if the machine was at
-    rest. The better of both signs is used. The search covers all offsets with an overlap of half the
-    pictures (or half the log), and rates within 2 %. Standard errors assume independent residuals with
-    their scatter, or `length_stderr` if larger. A rig that deflects by 1 % makes a triangular stroke
-    look like a rate error of 1 %.
+    and a. Here x is the logged displacement, which is constant before and after the log if the machine was
+    at rest. The better of the two signs is used. The search covers all offsets at which half the pictures
+    (or half the log) overlap, and rates within 2 %. The standard errors assume independent residuals, whose
+    standard deviation is their scatter or `length_stderr`, whichever is larger. With a rig that deflects by
+    1 %, a triangular stroke looks like a rate error of 1 %.
 
     Args:
         time: camera times of the pictures [s], shape (n,); pictures with nan are left out.
@@ -169,8 +170,8 @@ def synchronise(
         )
     if np.ptp(log.displacement) == 0 or np.ptp(seen.y) == 0:
         raise SyncError(
-            f"{log.source}: there is no motion to align: displacement or length is constant; photograph "
-            "a stroke while the log is running"
+            f"{log.source}: the clocks cannot be aligned because displacement or length is constant: "
+            "photograph a stroke while the log is running"
         )
     best, *others = _search(_offsets(seen, near), seen)
     found = _checked(best, seen, length_stderr)
@@ -180,8 +181,8 @@ def synchronise(
     if rivals:
         listed = " and ".join(f"{offset:.4g}" for offset in [found.offset, *rivals])
         raise SyncError(
-            f"{log.source}: several offsets fit equally well: {listed} s; the motion repeats itself. Give "
-            "a log that begins and ends with the pictures, or an approximate offset"
+            f"{log.source}: several offsets fit equally well ({listed} s), because the motion repeats "
+            "itself. Use a log that begins and ends with the pictures, or state an approximate offset"
         )
     return found
 
@@ -204,7 +205,7 @@ def _offsets(seen: _Motion, near: tuple[float, float] | None) -> np.ndarray:
 
 
 def _search(offsets: np.ndarray, seen: _Motion) -> list[_Fit]:
-    """Return the fits from separate minima of the coarse search, the best first."""
+    """Return the fits from separate minima of the coarse search, best fit first."""
     starts = []
     for sense in (-1, 1):
         scores = _scores(offsets, seen, sense)
@@ -215,7 +216,7 @@ def _search(offsets: np.ndarray, seen: _Motion) -> list[_Fit]:
 
 
 def _scores(offsets: np.ndarray, seen: _Motion, sense: int) -> np.ndarray:
-    """Return the sum of squares at each offset, with the best a; pictures outside the log count in full."""
+    """Return the sum of squares at each offset for the best a; pictures outside the log count in full."""
     n = len(seen.t)
     few = np.unique(np.linspace(0, n - 1, min(n, _PICTURES)).round().astype(int))
     at, y = offsets[:, None] + seen.t[few], seen.y[few]
@@ -272,10 +273,11 @@ def _checked(fit: _Fit, seen: _Motion, length_stderr: float) -> Synchronisation:
     if len(t) < _FEWEST or explained < _EXPLAINED:
         raise OtherMotion(
             f"{log.source}: the lengths do not follow the displacement: at the best offset, "
-            f"{fit.offset:.4g} s, it explains {max(explained, 0):.0%} of their variance in {len(t)} "
-            f"pictures, and must explain {_EXPLAINED:.0%} in at least {_FEWEST}. The lengths change by "
-            f"{np.ptp(y) if len(y) else 0:.4g} m, the displacement by {np.ptp(log.displacement):.4g} m: "
-            "check that the log belongs to these pictures, and check the unit of the displacement",
+            f"{fit.offset:.4g} s, the displacement explains {max(explained, 0):.0%} of their variance in "
+            f"{len(t)} pictures, but it must explain {_EXPLAINED:.0%} in at least {_FEWEST}. The lengths "
+            f"change by {np.ptp(y) if len(y) else 0:.4g} m, the displacement by "
+            f"{np.ptp(log.displacement):.4g} m: check that the log belongs to these pictures, and check "
+            "the unit of the displacement",
             max(explained, 0.0),
         )
     # The speed is averaged over the spacing of the pictures.
@@ -290,7 +292,7 @@ def _checked(fit: _Fit, seen: _Motion, length_stderr: float) -> Synchronisation:
     if not stderr * fastest <= _BLUR * stroke:
         raise SyncError(
             f"{log.source}: the motion does not determine the clock offset: its standard error is "
-            f"{stderr:.3g} s, at {fastest:.3g} m/s more than {_BLUR:.0%} of the stroke of {stroke:.3g} m. "
+            f"{stderr:.3g} s, which at {fastest:.3g} m/s exceeds {_BLUR:.0%} of the {stroke:.3g} m stroke. "
             "Photograph a reversal or a stop of the machine, not just a straight ramp"
         )
     return Synchronisation(

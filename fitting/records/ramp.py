@@ -1,4 +1,4 @@
-"""Raw isometric ramps: static force at each pressure hold or bin, at constant length."""
+"""Read raw isometric ramps and compute the static force at each pressure hold or bin."""
 
 import dataclasses
 import itertools
@@ -16,7 +16,7 @@ from famjax.tables import check_time, read_table
 from .record import Column, check_positive, noise_of, set_columns, split_branches
 
 LEAST_READINGS = 5
-"""Fewest readings in the used part of a hold, and on either side of the centre of a bin."""
+"""Smallest number of readings in the used part of a hold, and on either side of the centre of a bin."""
 
 Mask = Bool[np.ndarray, " n"]
 Rows = Int[np.ndarray, " _"]
@@ -55,7 +55,7 @@ class RampRecord:
         time: times [s], shape (n,); they may repeat but not decrease.
         length: constant active length L [m].
         source: origin of the data.
-        taken: how the columns of the file were interpreted, for the command that read it.
+        taken: how the columns of the file were interpreted; commands print it.
     """
 
     force: Column
@@ -71,7 +71,7 @@ class RampRecord:
         for name in ("time", "pressure"):
             if np.ptp(getattr(self, name)) == 0:
                 raise InputError(
-                    f"the {name} of a record must vary, got a constant column: check the column"
+                    f"the {name} in a record must vary, but it is constant: check which column is used"
                 )
 
 
@@ -116,7 +116,7 @@ class Staircase:
     stop: Holds
 
     def rows(self, time: Column) -> list[Rows]:
-        """Return the rows of each hold that are used."""
+        """Return the rows in the part of each hold that is used."""
         width = self.stop - self.start
         low, high = (np.searchsorted(time, self.start + end * width) for end in _PART)
         return [np.arange(i, j) for i, j in zip(low, high, strict=True)]
@@ -125,10 +125,10 @@ class Staircase:
 def find_staircase(pressure: Column, time: Column) -> Staircase | None:
     """Find the holds of a record; None if the pressure does not change in regular pulses.
 
-    The pressure moves at a reading if it changes over two readings by more than 1 % of its range and by
-    more than noise explains. The period is the lag of the highest peak in the autocorrelation of moving
-    readings. A pulse is the first moving reading after a quarter period without motion. The time
-    between two pulses is one hold, or several equal ones if a pulse had no effect.
+    A reading counts as moving if the pressure changes over two readings by more than 1 % of its range and
+    by more than noise explains. The period is the lag of the highest peak in the autocorrelation of the
+    moving readings. A pulse is the first moving reading after a quarter period without any. The time
+    between two pulses is one hold, or several equal holds if a pulse had no effect.
 
     Args:
         pressure: pressures [Pa], shape (n,).
@@ -225,23 +225,24 @@ def quasi_static(
 ) -> QuasiStatic:
     """Compute the static force at each hold or pressure bin, with its noise and branch.
 
-    For a staircase, force and pressure are medians over 0.56 to 0.96 of each hold, interpolated within
-    the resolution of the sensor as for grouped data. A continuous ramp is divided into bins of 25 kPa on
-    each branch. The force at the centre of a bin comes from a straight line through its readings; the
-    curvature error F'' w^2 / 24 and the lag of sensors and rubber are neglected.
+    For a staircase, force and pressure are medians over the part of each hold from 0.56 to 0.96 of its
+    duration, interpolated within the resolution of the sensor as for grouped data. A continuous ramp is
+    divided into bins of 25 kPa on each branch. The force at the centre of a bin is read from a straight
+    line through its readings; the curvature error F'' w^2 / 24 and the lag of sensors and rubber are
+    neglected.
 
     Pressure is monotonic on a branch. The hold before a turning point, and any hold within 2 % of its
     pressure, belongs to the preceding branch.
 
     Points that are clamped, slack or unsettled are marked, not dropped. Holds with fewer than five readings
-    in the used part give no point and are counted. The sensor is clamped if its smallest reading occurs at
-    least 20 times over more than 2 % of the pressure range: unclamped noise rarely repeats its minimum,
-    and a force rises with pressure.
+    in the used part produce no point, but are counted. The sensor counts as clamped if its smallest reading
+    occurs at least 20 times over more than 2 % of the pressure range: unclamped noise rarely repeats its
+    minimum, and a real force rises with pressure.
 
     Args:
         records: records from one sensor, each at constant length.
         atmosphere: reading at atmospheric pressure [Pa], which is subtracted.
-        slack_below: force [N] below which a muscle does not pull; None uses six standard deviations of
+        slack_below: force [N] below which the muscle counts as slack; None uses six standard deviations of
             the noise above zero or above the clamp, whichever is higher.
 
     Returns:
@@ -288,8 +289,8 @@ def _holds(record: RampRecord, zero: float, stair: Staircase) -> Points:
     holds = [rows for rows in stair.rows(record.time) if rows.size >= LEAST_READINGS]
     if not holds:
         raise InputError(
-            f"{record.source} has fewer than {LEAST_READINGS} readings in the fraction {_PART} of each "
-            f"{stair.period:.4g} s hold: sample faster"
+            f"{record.source} has fewer than {LEAST_READINGS} readings in the used part of each "
+            f"{stair.period:.4g} s hold, which is the fraction {_PART} of its duration: sample faster"
         )
     pressures, forces = record.pressure, record.force
     step, fine = _resolution(forces), _resolution(pressures)
@@ -378,13 +379,13 @@ def _check_atmosphere(record: RampRecord, atmosphere: float) -> None:
     if low < atmosphere - _VACUUM * np.ptp(record.pressure):
         raise InputError(
             f"the lowest pressure in {record.source}, {low / 1e3:.4g} kPa, is far below the stated reading "
-            f"at atmospheric pressure, {atmosphere / 1e3:.4g} kPa: give the reading for the vented muscle "
-            "(0kPa for a zeroed gauge)"
+            f"at atmospheric pressure, {atmosphere / 1e3:.4g} kPa: state the reading when the muscle is "
+            "vented (0kPa for a zeroed gauge)"
         )
 
 
 def _find_clamp(records: Sequence[RampRecord]) -> float | None:
-    """Return the smallest reading of all records if it is a clamp, else None."""
+    """Return the smallest reading in all records if the sensor is clamped there, else None."""
     force = np.concatenate([record.force for record in records])
     pressure = np.concatenate([record.pressure for record in records])
     least = force == force.min()

@@ -1,4 +1,4 @@
-"""Common parts of records: column checks, machine logs, and branches between turning points."""
+"""Code shared by all records: column checks, machine logs, and branches between turning points."""
 
 import dataclasses
 import itertools
@@ -42,7 +42,7 @@ def checked_columns(
     if len(sizes) != 1 or len(next(iter(sizes))) != 1:
         shapes = ", ".join(f"{name} of shape {values.shape}" for name, values in known.items())
         raise InputError(
-            f"all columns of a record must be one-dimensional and of equal length; got {shapes}"
+            f"all columns of a record must be one-dimensional and have the same length; got {shapes}"
         )
     if (count := next(iter(sizes))[0]) < least:
         raise InputError(f"a record needs at least {least} readings, got {count}")
@@ -90,11 +90,11 @@ class MachineLog:
         force: forces [N] with the machine's sign, shape (n,), or None.
         pressure: gauge pressures [Pa], shape (n,), or None.
         others: other numeric columns by name, unconverted.
-        missing_rows: number of rows missing between others; they are not filled in.
-        unread: line numbers of rows with cells that are not numbers.
+        missing_rows: number of rows missing between other rows; they are not filled in.
+        unread: line numbers of rows that contain cells that are not numbers.
         source: name of the file.
         sha256: hash of the file.
-        taken: how the columns were interpreted, for the command that read the file.
+        taken: how the columns of the file were interpreted; commands print it.
     """
 
     time: np.ndarray
@@ -130,9 +130,9 @@ class MachineLog:
     def at(
         self, name: str, time: np.ndarray, time_stderr: np.ndarray | float = 0.0
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Interpolate a channel linearly at given times, with the standard error of the interpolation.
+        """Interpolate a channel linearly at given times, and return the standard errors as well.
 
-        stderr^2 = (F' time_stderr)^2 + (F'' (t - t_k)(t_{k+1} - t)/2)^2, both derivatives from
+        stderr^2 = (F' time_stderr)^2 + (F'' (t - t_k)(t_{k+1} - t)/2)^2, where both derivatives are
         divided differences of the rows around t. Sensor noise is not included.
 
         Args:
@@ -166,14 +166,14 @@ def read_machine_log(
     needed: Collection[str] = ("time", "displacement", "force"),
     welcome: Collection[str] = (),
 ) -> MachineLog:
-    """Read the log of a test machine from a text file or workbook in any usual format.
+    """Read the log of a test machine from a text file or workbook in any common format.
 
     Args:
         path: the file, see `famjax.tables.read_table`.
         columns: column name of each quantity ("time", "displacement", "force", "pressure") that cannot be
             recognised, `{"force": "Load 2 [N]"}`; also `decimal` and `atmosphere`.
-        needed: required quantities.
-        welcome: optional quantities, such as "pressure" (gauge).
+        needed: quantities that the file must contain.
+        welcome: quantities that it may contain, such as "pressure" (gauge).
 
     Returns:
         The log in SI.
@@ -227,11 +227,11 @@ def split_branches(
     Args:
         position: displacement, length or pressure in chronological order, shape (n,).
         min_travel: smallest travel of a branch, as a fraction of the range, in (0, 1).
-        hold: largest change of position in a hold; None for six standard deviations of the noise (from
-            second differences), at most 2 % of the range.
+        hold: largest change of position in a hold. None uses six standard deviations of the noise (from
+            second differences), but at most 2 % of the range.
 
     Returns:
-        The branches in order, alternately rising and falling; empty if nothing moves.
+        The branches in order, alternately rising and falling; empty if the position does not change.
 
     Raises:
         InputError: `min_travel` is outside (0, 1), or the column is invalid.
@@ -258,7 +258,7 @@ def split_branches(
 
 
 def noise_of(values: Column) -> float:
-    """Return the standard deviation of white noise on a smooth signal, from second differences."""
+    """Estimate the standard deviation of white noise on a smooth signal from second differences."""
     return float(np.median(np.abs(np.diff(values, 2))) / (0.6745 * np.sqrt(6.0)))
 
 

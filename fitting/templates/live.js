@@ -121,7 +121,7 @@
     find("at-length").value = data.length[i];
     find("at-pressure").value = data.pressure[j];
     const known = force !== null, ends = [data.low[i][j], data.high[i][j]];
-    find("answer").textContent = !known ? "The model is undefined at this state."
+    find("answer").textContent = !known ? "The model's force is undefined at this state."
       : `Force ${force} ${data.units.force}` + (ends[0] === null ? "" : `, 95 % band ${ends[0]} to ${ends[1]} ${data.units.force}`);
     const at = { cx: X(Number(data.length[i])), cy: Y(Number(force ?? 0)) };
     for (const [name, value] of Object.entries(at)) dot.setAttribute(name, value);

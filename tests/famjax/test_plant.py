@@ -268,7 +268,7 @@ def test_a_regulated_plant_holds_its_set_pressure_through_a_stroke():
         (lambda: plants.HydraulicCircuit(lag=float("nan")), "lag must be finite and at least 0.0001 s"),
         (lambda: Plant((PneumaticCircuit(),) * 2, (LinearMcKibben(),) * 2), "two muscles need a"),
         (lambda: Plant(PneumaticCircuit(), LinearMcKibben(rest_length=0.3)).start(),
-         "must hold fluid where the plant starts"),
+         "must contain fluid at the start"),
         (lambda: simulate(Plant(PneumaticCircuit(), LinearMcKibben()), Command(0.5), TICK),
          "one value per step"),
     ],

@@ -230,9 +230,9 @@ REFUSED: dict[str, tuple[Callable[..., object], object, str]] = {
             ("psia", "pressure_psia", "is an absolute pressure.*--column atmosphere="),
             ("unknown unit", "Pressure (flob)", "unknown unit 'flob'; known units of pressure are"),
             ("no unit", "Pressure", r"has no unit.*--column pressure=\"Pressure \[Pa\]\""),
-            ("formula", "2 Pressure (kPa)", "may or may not be it.*--column pressure="),
-            ("multiple", "Pressure*10 (kPa)", "may or may not be it.*--column pressure="),
-            ("word that is not known", "Header2 tap pressure (kPa)", "is a supply value|may or may not be it"),
+            ("formula", "2 Pressure (kPa)", "may be a different quantity.*--column pressure="),
+            ("multiple", "Pressure*10 (kPa)", "may be a different quantity.*--column pressure="),
+            ("word that is not known", "Header2 tap pressure (kPa)", "is a supply value|may be a different quantity"),
             ("milli or mega", "pressure_mPa", "unknown unit 'mPa'"),
         )
     },

@@ -87,17 +87,17 @@ def test_bad_requests_are_refused(dmsp10, monkeypatch):
     known = "unknown model 'sarosi'; available for this map: famjax_choice"
     with pytest.raises(InputError, match=known):
         compare(dmsp10, ["sarosi"])
-    with pytest.raises(InputError, match="unknown peer 'hocking'"):
+    with pytest.raises(InputError, match="unknown published model 'hocking'"):
         fit_peer("hocking", dmsp10)
     with pytest.raises(InputError, match="starts must be a whole number >= 1, got 0"):
         fit_peer("hildebrandt", dmsp10, starts=0)
     inches = dataclasses.replace(dmsp10, length=dmsp10.length * 2.54)
-    with pytest.raises(InputError, match="has a length of 635 mm, too long for a braid"):
+    with pytest.raises(InputError, match="has a length of 635 mm, which is too long for a braid"):
         fit_peer("hildebrandt", inches)
     few = dmsp10.part(dmsp10.pressure > 6.4e5)
     with pytest.raises(InputError, match="has 8 parameters, but the map has 4 loaded readings"):
         fit_peer("hildebrandt", few)
-    with pytest.raises(InputError, match="leaving out a pressure needs loaded readings"):
+    with pytest.raises(InputError, match="leaving out a pressure requires loaded readings"):
         compare(few, ["hildebrandt"])
     with monkeypatch.context() as patched:
         patched.setattr(jax.config, "read", lambda name: False)

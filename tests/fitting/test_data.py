@@ -60,7 +60,7 @@ def test_specimen_lines_and_overrides(map_file):
     ("old", "new", "message"),
     [
         ("force_N", "torque_Nm", "no column for force; the table has pressure_kPa, length_mm, torque_Nm"),
-        ("length_mm,", "", "line 2 has 3 numbers under 2 names"),
+        ("length_mm,", "", "line 2 has 3 numbers, but the header has 2 names"),
         ("length_mm", "force_kN", "2 columns match force .force_kN, force_N.: choose one with --column"),
         ("100,300,", "100,300mm,", "row 2: length is '300mm', not a number"),
         ("100,300,", "100,,", "row 2: length is missing; remove the row, or write the reading"),
@@ -68,7 +68,7 @@ def test_specimen_lines_and_overrides(map_file):
         ("100,300,", "inf,300,", "row 2: pressure is 'inf'"),
         ("100,300,", "-5,300,", "pressure of reading 1 is -5000 .*finite and >= 0 .gauge pressure"),
         ("100,300,", "100,0,", "length of reading 1 is 0 .*finite and > 0"),
-        ("100,290,", "100,290,1,", "line 3 has 4 numbers under 3 names"),
+        ("100,290,", "100,290,1,", "line 3 has 4 numbers, but the header has 3 names"),
         ("100,300,", f"100,{'x' * 900},", "row 2: length is 'x{40}[.]{3}', not a number;"),
         ("length_mm", "x" * 900, "no column for length; the table has pressure_kPa, x{40}[.]{3}, force_N"),
         ("length_mm", "contraction_mm", "unit 'mm': a contraction is .L0 - L./L0"),

@@ -139,7 +139,7 @@ def test_the_convex_fit_is_the_engine_s_and_its_gradient_that_of_differences(dms
 
     for p, x in zip(parameters, np.asarray(several(jnp.asarray(parameters))), strict=True):
         np.testing.assert_allclose(x, solve(problem, p).x, rtol=1e-9)
-    with pytest.raises(InputError, match="give the loaded readings"):
+    with pytest.raises(InputError, match="pass the loaded readings"):
         pure.coefficients(jnp.asarray(parameters[0]), jnp.asarray(dmsp20.force))
 
     def first(u: jax.Array) -> jax.Array:

@@ -152,7 +152,7 @@ def test_an_error_widens_the_band_and_is_told(found, tmp_path):
         saved = fitting.load_fit(tmp_path / "fit.json")
         told[errors.force_reading] = fitting.predict(saved, np.array([0.28]), np.array([5e5]))[0]
         headers = [header for _, header, _ in fitting.report.Findings(found, evidence).tables("si")]
-        assert any("all together" in one for one in headers) == bool(errors.force_reading)
+        assert any("total" in one for one in headers) == bool(errors.force_reading)
     plain, wide = told[0.0], told[0.02]
     added = np.sqrt((wide["high_95_N"] - wide["force_N"]) ** 2
                     - (plain["high_95_N"] - plain["force_N"]) ** 2)  # fmt: skip

@@ -102,7 +102,7 @@ def test_a_force_is_turned_into_its_pressure_and_back():
             continue
         (back,) = predict(one, np.array([row["length_m"]]), np.array([row["pressure_Pa"]]))
         assert back["force_N"] == pytest.approx(row["force_N"], abs=1e-6)
-    for length, force, words in (([], [1.0], "one of each"), ([-1.0], [1.0], "> 0"),
+    for length, force, words in (([], [1.0], "at least one length"), ([-1.0], [1.0], "> 0"),
                                  ([0.25], [-1.0], "can only pull")):  # fmt: skip
         with pytest.raises(famjax.boundary.errors.InputError, match=words):
             pressures_for(one, np.array(length), np.array(force))

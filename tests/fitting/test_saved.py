@@ -89,7 +89,7 @@ def test_the_report_is_one_page_that_says_whence_it_comes_and_what_was_measured(
         (lambda fit: fit["spread"].update(directions=[[1.0], [1.0, 2.0]]), "inhomogeneous"),
         (lambda fit: fit.update(spread=3), "not subscriptable"),
         (lambda fit: fit.pop("data"), "entry 'data' is missing"),
-        (lambda fit: fit["data"]["readings"].update(pressure_Pa=[]), "equally long"),
+        (lambda fit: fit["data"]["readings"].update(pressure_Pa=[]), "have the same length"),
         (lambda fit: fit.update(series_compliance_m_per_N=[1.0]), "float"),
     ],
 )

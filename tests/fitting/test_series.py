@@ -119,8 +119,8 @@ def test_the_saved_series_predicts_the_same(series, saved):
         ((0.1,), {}, "at least two specimens, got 1"),
         ((0.1, 0.2), {"laws": ("spam",)}, "the law must be one of polynomial"),
         ((0.1, 0.2), {"laws": ()}, "needs a law, such as linear"),
-        ((0.1, 0.2), {"laws": ("linear", "linear")}, "given only once: got one of .*linear.* twice"),
-        ((0.1, 0.1), {}, "contain no information on other"),
+        ((0.1, 0.2), {"laws": ("linear", "linear")}, "listed only once, but one of .*linear.* is"),
+        ((0.1, 0.1), {}, "contain no information about other"),
         ((0.1, 0.2), {"parameters": {"rest_length": Parameter()}}, "rest_length cannot be shared"),
         ((0.1, 0.2), {"parameters": {"end_length": Parameter(), "end_factor": Parameter()}},
          "describe the same quantity"),
@@ -166,7 +166,7 @@ def test_the_command_reads_the_maps_and_its_file_predicts(run, tmp_path, series,
     assert abs(row["force_N"] - truth) < 2 * NOISE
     assert row["low_95_N"] < truth < row["high_95_N"]
     _, out, _ = run("predict", fit, "--length", "95mm", "--pressure", "400kPa")
-    assert f"{1e3 * SEEN[0]:.4g} mm; choose another with --rest-length" in out
+    assert f"{1e3 * SEEN[0]:.4g} mm; choose another rest length with --rest-length" in out
 
 
 def test_its_verdict_is_that_of_all_specimens(series, saved):

@@ -202,7 +202,7 @@ def test_a_file_that_is_no_table_is_refused(content, words, fitted, tmp_path):
 def test_the_errors_of_the_shape_and_those_stated_widen_the_parameters(folder, fitted):
     code, out, _ = fitted(folder / "measurements.nc", "--error", "wall_thickness_mm=0.05")
     assert code == 0
-    assert "all together" in out
+    assert "total" in out
     by_source = json.loads((folder / "out" / "fit.json").read_text())["shared_errors"]
     # 0.05 mm of 1.5875 mm, of a volume that goes with t (D - t); the strain at mid-wall takes part, too.
     part = 0.05e-3 * (0.875 - 2 * 0.0625) / (0.0625 * INCH) / (0.875 - 0.0625)

@@ -202,9 +202,9 @@ def test_scores(swept):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"orders": (5,)}, "orders must be a whole number 1 to 4"),
-        ({"constraints": ("convex",)}, "constraints must be among none"),
-        ({"objective": "rmse"}, "objective must be among sum_of_squares"),
+        ({"orders": (5,)}, "orders must be a whole number from 1 to 4"),
+        ({"constraints": ("convex",)}, "constraints must be chosen from none"),
+        ({"objective": "rmse"}, "objective must be chosen from sum_of_squares"),
         ({"deadband": -1.0}, "the deadband must be a gauge pressure"),
         ({"data": dataclasses.replace(DATA, length=DATA.length + 0.1)},
          "no reading is shorter than the rest length"),

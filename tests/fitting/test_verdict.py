@@ -33,8 +33,8 @@ def test_a_sound_map_passes(fitted20):
 
 
 DOUBTS = {
-    "misses the readings by 3 %": (lambda fit: with_misfit(fit, 3.0), True),
-    "misses the readings by 6 %": (lambda fit: with_misfit(fit, 6.0), False),
+    "from the readings is 3 %": (lambda fit: with_misfit(fit, 3.0), True),
+    "from the readings is 6 %": (lambda fit: with_misfit(fit, 6.0), False),
     "did NOT converge": (lambda fit: dataclasses.replace(fit, converged=False), False),
     "do not determine every parameter": (
         lambda fit: dataclasses.replace(
@@ -166,9 +166,9 @@ FAULTS = {
     # The force hardly depends on the wall: no misfit shows one of 18 mm in a bore of 20 mm.
     "the wall is too thick, or the diameter too small": (
         lambda data: changed(data, wall_thickness=18e-3), 20),
-    "the nominal diameter is a radius, or that of a smaller muscle": (
+    "the nominal diameter is a radius, or belongs to a smaller muscle": (
         lambda data: changed(data, nominal_diameter=10e-3), 20),
-    "the nominal diameter is that of a larger muscle": (
+    "the nominal diameter belongs to a larger muscle": (
         lambda data: changed(data, nominal_diameter=40e-3), 20),
 }  # fmt: skip
 """A fault, and the bundled map in which it is made, by its bore in mm."""
@@ -203,5 +203,5 @@ def test_two_muscles_in_one_file():
     names = "force", "pressure", "length"
     columns = {name: np.append(getattr(one, name), getattr(other, name)) for name in names}
     found = causes(dataclasses.replace(one, **columns))
-    assert "the file contains two muscles, one of them" in found
+    assert "the file contains readings from two muscles, one of them" in found
     assert f"reading {one.force.size}" in found or f"reading {one.force.size + 1}" in found

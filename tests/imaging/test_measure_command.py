@@ -103,9 +103,9 @@ LOGGED = [*SCALED, "--log", "LOG", "--column"]
 @pytest.mark.parametrize(
     ("arguments", "match"),
     [
-        (["PHOTOS"], "the scale must be given once"),
-        (["PHOTOS", "--scale", "56", "--distance", "60in"], "a number with error and unit"),
-        ([*SCALED, "--ruler", "RULER"], "the scale must be given once"),
+        (["PHOTOS"], "the scale must be stated exactly once"),
+        (["PHOTOS", "--scale", "56", "--distance", "60in"], "a number with an error and a unit"),
+        ([*SCALED, "--ruler", "RULER"], "the scale must be stated exactly once"),
         ([*SCALED, "--distance", "60"], "has no unit"),
         ([*SCALED, "--crop-offset", "1459"], "two numbers"),
         ([*SCALED, "--crop-offset", "14,5", "--frame-size", "20,20"], "frame"),

@@ -174,7 +174,7 @@ def test_a_person_s_yes_clears_a_trip_whose_cause_has_gone(sim, tmp_path, comman
     assert sim.device.state == TRIP
     calibrated(tmp_path)
     typed = ("acknowledge", "none", "--calibration", tmp_path / "calibration.toml")
-    refused("refuses 'clear'", *typed, "--yes")
+    refused("refused 'clear'", *typed, "--yes")
     sim.sensor_fault = None
     sim.advance(5.0)
     code, out, err = command(*typed)

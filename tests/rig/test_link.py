@@ -137,7 +137,7 @@ def test_commands_are_sent_and_settings_asked_for_until_they_are_answered():
         assert session.settings.law.set_point_psi == 10 + n
         last = governed
     assert session.bad_lines > 50
-    with pytest.raises(RigError, match=r"the device refuses 'run': no trip limit"):
+    with pytest.raises(RigError, match=r"the device refused 'run': no trip limit"):
         recorder.link.command("run")
     with pytest.raises(RigError, match=r"finite"):
         recorder.link.command("set", float("nan"))
@@ -191,7 +191,7 @@ def test_a_conversation_over_a_port_that_goes_away_and_is_opened_again(path):
         link.attach(journal)
         link.command("hello")
         assert link.command("trip", 600).seq is not None
-        with pytest.raises(RigError, match=r"refuses 'man 300': number"):
+        with pytest.raises(RigError, match=r"refused 'man 300': number"):
             link.command("man", 300)
         until(lambda: link.newest is not None and link.newest.seq > 100)
         link.attach(None)
@@ -208,7 +208,7 @@ def test_a_conversation_over_a_port_that_goes_away_and_is_opened_again(path):
 
 def test_a_serial_port_is_opened_for_this_program_alone(monkeypatch):
     serial = pytest.importorskip("serial")
-    with pytest.raises(RigError, match=r"cannot open the port.*not in use elsewhere"):
+    with pytest.raises(RigError, match=r"cannot open the port.*not in use by another"):
         Link(serial_opener("/dev/no-such-port"))
     opened: list[tuple[str, int, bool | None]] = []
     monkeypatch.setattr(

@@ -1,1 +1,1 @@
-"""The report on a characterisation folder: a page and its figures, for screen and print."""
+"""The report for a characterisation folder: a page with figures, for screen and print."""

@@ -1,4 +1,4 @@
-"""Figures for the report: each function returns a figure with its caption, or None."""
+"""Figures for the report: each function returns a figure with its caption, or None without data."""
 
 import glob
 from collections.abc import Mapping
@@ -17,7 +17,7 @@ from ..evaluation import CYLINDER, GEOMETRIES, PICTURES
 from .source import PARTS, Source
 
 Drawn = tuple[Figure, str] | None
-"""A figure and its caption; None if the folder lacks the data."""
+"""A figure and its caption; None if the folder does not contain the data."""
 
 STYLE: dict[Any, Any] = {
     "font.size": 8, "axes.titlesize": 8, "legend.fontsize": 7, "axes.linewidth": 0.6,
@@ -34,7 +34,7 @@ _CONTRACTION = "contraction $(L_0 - L)/L_0$"
 
 
 def actuation(source: Source) -> Drawn:
-    """Plot isobars with readings, model, band and residuals."""
+    """Plot the isobars: readings, model and band on the left, residuals on the right."""
     figure, (left, right) = _axes(2)
     rest = source.scaled(source.sheet.specimen.rest_length, "length")
     levels = [*source.tables["readings"].sort_values("length").groupby("level")]
@@ -50,15 +50,15 @@ def actuation(source: Source) -> Drawn:
     left.set(xlabel=_CONTRACTION, ylabel=f"force $F$ [{unit}]", ylim=(0, None))
     right.set(xlabel=_CONTRACTION, ylabel=f"model \N{MINUS SIGN} measured [{unit}]")
     return figure, (
-        f"Left: force against contraction; labels give the gauge pressure [{source.unit('pressure')}]. "
-        "Circles are measurements (mean of both branches), lines are the model "
-        f"({GEOMETRIES[source.best]}), and bands contain 95 % of single readings. "
+        f"Left: force against contraction; labels show the gauge pressure [{source.unit('pressure')}]. "
+        "Circles are measurements (mean of the shortening and lengthening branches). Lines are the model "
+        f"({GEOMETRIES[source.best]}), and bands are expected to contain 95 % of single readings. "
         "Right: residuals, model minus measured."
     )
 
 
 def photographs(source: Source) -> Drawn:
-    """Show three photographs with measured outlines, at the smallest, middle and largest contraction."""
+    """Show three photographs with their outlines, at the smallest, middle and largest contraction."""
     pictures = source.pictures
     if pictures is None:
         return None
@@ -79,13 +79,13 @@ def photographs(source: Source) -> Drawn:
         axes.set_title(f"{abs(1 + length / source.sheet.specimen.rest_length):.3f}")
         axes.set_axis_off()
     return figure, (
-        "Photographs; titles give the contraction. The measured outline is red, the edges of the end "
-        "tapes are yellow, and the midline is cyan."
+        "Photographs, with the contraction above each of them. The measured outline is red, the edges of "
+        "the end tapes are yellow, and the midline is cyan."
     )
 
 
 def shape(source: Source) -> Drawn:
-    """Plot profiles at five contractions, and the mean and middle diameters against contraction."""
+    """Plot profiles at five contractions, and the mean and mid-length diameters against contraction."""
     surface, pictures = source.surface, source.pictures
     if surface is None or pictures is None:
         return None
@@ -117,14 +117,14 @@ def shape(source: Source) -> Drawn:
     left.legend(title="contraction")
     right.legend()
     return figure, (
-        "Measured shape. Circles are from the pictures; lines are the fitted surface with its 95 % band. "
-        "Left: braid diameter along the axis. Right: mean and middle diameters, and the diameter of "
-        "the cylinder identified from the force."
+        "Measured shape. Circles are measurements in the pictures; lines are the fitted surface with its "
+        "95 % band. Left: braid diameter along the axis. Right: mean diameter, diameter at mid-length, "
+        "and diameter of the cylinder identified from the force."
     )
 
 
 def strains(source: Source) -> Drawn:
-    """Plot hoop strain, axial strain and wall thickness of the bladder by geometry."""
+    """Plot the hoop strain, axial strain and wall thickness of the bladder for each geometry."""
     labels = {
         "mean_hoop_strain": r"mean hoop strain $\varepsilon_c$",
         "axial_strain": r"axial strain $\varepsilon_z$",
@@ -135,13 +135,13 @@ def strains(source: Source) -> Drawn:
     _lines(axes, rows, "contraction", labels, _CONTRACTION)
     named = "; ".join(f"{name} = {GEOMETRIES[name]}" for name in source.fits)
     return figure, (
-        f"Bladder strains and wall thickness at {_middle(source)}. The axial strain is based on the arc "
-        f"length for measured shapes and on the length for cylinders. Geometries: {named}."
+        f"Bladder strains and wall thickness at {_middle(source)}. The axial strain is calculated from the "
+        f"arc length for measured shapes, and from the active length for cylinders. Geometries: {named}."
     )
 
 
 def law(source: Source) -> Drawn:
-    """Plot the bladder law with the range of strains reached, and the stresses in the wall."""
+    """Plot the bladder law with the range of strains reached in the test, and the wall stresses."""
     figure, (left, right) = _axes(2)
     plot_law(source.fits[source.best], left, source.sheet.units)
     rows = source.middle(source.best)
@@ -157,7 +157,7 @@ def law(source: Source) -> Drawn:
 
 
 def parts(source: Source) -> Drawn:
-    """Plot the parts of the force against contraction at one pressure, by geometry."""
+    """Plot the contributions to the force against contraction at one pressure, for each geometry."""
     figure, many = _axes(len(source.fits), share=True)
     data = source.fits[CYLINDER].data
     near = np.abs(data.pressures.level - source.pressures[:, None]).argmin(axis=0)
@@ -173,11 +173,13 @@ def parts(source: Source) -> Drawn:
         axes.set(title=name, xlabel="contraction")
     many[0].set(ylabel=f"force $F$ [{source.unit('force')}]")
     figure.legend(*many[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
-    return figure, f"Parts of the force at {_middle(source)} by geometry; circles are measurements."
+    return figure, (
+        f"Contributions to the force at {_middle(source)} for each geometry; circles are measurements."
+    )
 
 
 def by_pressure(source: Source) -> Drawn:
-    """Plot blocked force, free contraction, errors and the work budget by pressure and geometry."""
+    """Plot blocked force, free contraction, errors and work against pressure for each geometry."""
     force = source.unit("force")
     labels = {
         "blocked_force": f"blocked force [{force}]", "free_contraction": "free contraction",
@@ -190,16 +192,16 @@ def by_pressure(source: Source) -> Drawn:
     x_label = f"gauge pressure $P$ [{source.unit('pressure')}]"
     _lines(axes, source.tables["pressures"], "pressure", labels, x_label)
     return figure, (
-        "Top: blocked force, free contraction and RMSE of the force by pressure and geometry; circles are "
-        "measurements, where the test reached that state. Bottom: work from rest to the end of each "
-        "stroke. 'Left over' is work done by the fluid that goes into neither the load nor the bladder; if "
-        "it is negative, the force model creates work. Efficiency is the work done on the load divided by "
-        "the work done by the fluid."
+        "Top: blocked force, free contraction and force RMSE against pressure for each geometry; circles "
+        "are measurements, shown if the test reached that state. Bottom: work from rest to the end of each "
+        "stroke. 'Left over' is work done by the fluid that goes into neither the load nor the bladder. "
+        "If it is negative, the force model creates energy. Efficiency is the work done on the load "
+        "divided by the work done by the fluid."
     )
 
 
 FIGURES = (actuation, photographs, shape, strains, law, parts, by_pressure)
-"""All figures in page order; the first is part of the summary."""
+"""All figures in the order of the page; the first is shown with the summary."""
 
 
 def _axes(count: int, *, share: bool = False) -> tuple[Figure, list[Axes]]:
@@ -211,7 +213,7 @@ def _axes(count: int, *, share: bool = False) -> tuple[Figure, list[Axes]]:
 def _lines(
     many: list[Axes], rows: pd.DataFrame, x: str, labels: Mapping[str, str], x_label: str
 ) -> None:
-    """Plot one column per axes against x: a line for each geometry, circles for the test."""
+    """Plot one column per axes against x: lines for the geometries, circles for the test."""
     for axes, (column, label) in zip(many, labels.items(), strict=True):
         for name, of in rows.groupby("geometry", sort=False):
             if (line := LINES.get(str(name))) is not None:

@@ -1,4 +1,4 @@
-"""Write the report: a page with a summary and figures, and tables as CSV."""
+"""Write the report: an HTML page with a summary and figures, and CSV files with the tables."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,21 +20,19 @@ from ..folder import SHEET, Sheet
 from .figures import FIGURES, STYLE
 from .source import Source, parameter_kind, read_source
 
-_CHECKS = (
-    "Cross-checks of quantities from two sources. The expected ranges follow from standard errors."
-)
-_TEST = "The test. Left: force against contraction at each set pressure. Right: pressure error."
-_HEADER = ("what", "expected", "found", "verdict")
+_CHECKS = "Cross-checks between two sources of one quantity. Expected ranges are based on standard errors."
+_TEST = "Test data. Left: force against contraction at each set pressure. Right: pressure error."
+_HEADER = ("quantity", "expected", "found", "verdict")
 _GEOMETRIC = ("turns", "braid_angle", "braid_diameter")
-"""Geometric parameters; the summary shows the first that was identified."""
+"""Geometric parameters; the summary shows the first one that was identified."""
 
 
 def write_report(sheet: Sheet, names: Sequence[str], place: Path) -> None:
     """Write `report.html`, its figures as SVG and its tables as CSV.
 
     Args:
-        sheet: the folder's sheet.
-        names: fitted geometries.
+        sheet: sheet in the folder.
+        names: names of the fitted geometries.
         place: folder for the report.
     """
     source, system = read_source(sheet, names), sheet.units
@@ -69,7 +67,7 @@ def write_report(sheet: Sheet, names: Sequence[str], place: Path) -> None:
 
 
 def _drawn(source: Source) -> dict[str, tuple[str, str]]:
-    """Draw every figure for which the folder has data; return SVG text and caption by name."""
+    """Draw every figure for which the folder contains data; return SVG text and caption by name."""
     found = {}
     with mpl.rc_context(STYLE):
         for draw in FIGURES:
@@ -87,8 +85,8 @@ def _summary(source: Source) -> str:
     rmse, most = of["rmse_N"], of["largest_force_N"]
     shape = f" The shape was fitted to {len(surface.used)} photographs." if surface else ""
     return (
-        f"The model fits the force to {source.number(rmse, 'force', 3)} {unit} RMS, "
-        f"{100 * rmse / most:.2g} % of the largest force ({source.number(most, 'force')} {unit}).{shape}"
+        f"The RMS error of the model is {source.number(rmse, 'force', 3)} {unit}, "
+        f"or {100 * rmse / most:.2g} % of the largest force ({source.number(most, 'force')} {unit}).{shape}"
     )
 
 
@@ -132,22 +130,23 @@ def _errors(source: Source) -> PageTable:
         for name, of in source.figures.items()
     ]
     title = (
-        f"Force errors [{source.unit('force')}]; the last two are the RMSE of held-out readings."
+        f"Force errors [{source.unit('force')}]. The last two columns are the RMSE of readings at held-out "
+        "pressures and lengths."
     )
     return PageTable(title, ("geometry", "RMSE", "largest", "each pressure", "each length"), rows)
 
 
 def _notes(source: Source) -> list[str]:
-    """Collect the notes on the fit, the test, the shape and the readings."""
+    """Collect the notes about the fit, the test, the shape and the readings."""
     fit, surface = source.fits[source.best], source.surface
     of_shape = [] if surface is None else surface.summary()
     found = [*source.test.get("notes", []), *of_shape, *fit.data.notes, *fit.document["warnings"]]
     # The map's notes name an option of `famjax fit`; here the sheet has an entry for it.
-    return [one.replace("(--specimen ", f"([specimen] of {SHEET}: ") for one in found]
+    return [one.replace("(--specimen ", f"([specimen] in {SHEET}: ") for one in found]
 
 
 def unknown(sheet: Sheet) -> list[str]:
-    """List what the folder lacks and what is unknown as a result."""
+    """List the data missing from the folder, and what is unknown as a result."""
     pictured, map_alone = sheet.photographs is not None, sheet.records.force_map is not None
     failed: list[Any] = []
     if pictured:
@@ -155,19 +154,20 @@ def unknown(sheet: Sheet) -> list[str]:
         failed = [f"{Path(row.path).name}, {row.error.partition(':')[0]}"
                   for row in rows[rows.error.notna()].itertuples()]  # fmt: skip
     sentences = {
-        "There are no photographs. The model is a cylinder whose diameter and angle are identified from "
-        "the force, and no strain was measured.": not pictured,
-        "There is a force map but no journal of the test. Hysteresis, pressure error, and the measured "
+        "There are no photographs, so no strain was measured. The model is a cylinder whose diameter and "
+        "braid angle are identified from the force.": not pictured,
+        "There is a force map but no journal from the test. Hysteresis, pressure error, and the measured "
         "blocked force and free contraction are unknown.": map_alone,
-        "There is no machine log for the photographs. Their forces and pressures are unknown, clock and "
-        "scale are unchecked, and one shape is assumed for all pressures.": pictured and map_alone,
+        "There is no machine log for the photographs. The force and pressure in each photograph are "
+        "unknown, and the clock and scale are not checked. The shape is assumed to be the same at all "
+        "pressures.": pictured and map_alone,
         "There is no photograph of a ruler. All lengths and diameters depend on the stated scale.":
             sheet.photographs is not None and sheet.photographs.ruler is None,
-        "The bladder diameter at rest is not stated. The bladder is assumed to fill the braid, which "
-        "determines the bladder strain.": pictured and sheet.specimen.bladder_diameter is None,
-        "The sheet states no calibration errors. Standard errors and bands include only scatter and shape "
-        "errors.": not sheet.errors.stated(),
-        "The thread turns were not counted. They are identified from the force.":
+        "The bladder diameter at rest is not stated. The bladder is assumed to fill the braid, and the "
+        "bladder strain depends on this assumption.": pictured and sheet.specimen.bladder_diameter is None,
+        "The sheet states no calibration errors, so the standard errors and bands include only scatter and "
+        "shape errors.": not sheet.errors.stated(),
+        "The sheet does not state the thread turns, so they are identified from the force.":
             sheet.turns is None and pictured,
         f"{len(failed)} picture{'s' * (len(failed) != 1)} could not be measured: "
         f"{'; '.join(failed[:5])}.": failed,

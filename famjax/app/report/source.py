@@ -1,6 +1,6 @@
 """Data for the report: fits, pictures and tables from a characterisation folder.
 
-No equilibrium is solved for. The free contraction is where a spline through the forces falls to zero.
+No equilibrium is computed: the free contraction is where a spline through the forces falls to zero.
 """
 
 import dataclasses
@@ -28,7 +28,7 @@ from .. import evaluation
 from ..folder import Sheet
 
 PARTS = ("pressure on the braid", "bladder, axial stress", "bladder, hoop stress")
-"""Names of the three parts of the force."""
+"""Names of the three contributions to the force."""
 KINDS = {
     **dict.fromkeys(("diameter", "thickness", "length"), "length"), "braid_angle": "angle",
     **dict.fromkeys(("axial_stress", "hoop_stress"), "stress"), "volume": "volume",
@@ -43,16 +43,16 @@ _WORK = {
     "load": "load_J", "fluid": "fluid_J", "stored": "stored_J", "left_over": "left_over_J",
     "efficiency": "efficiency", "density": "work_per_volume_J_m3",
 }  # fmt: skip
-"""Columns for the fields of the work budget."""
+"""Column name for each field of the work budget."""
 _RANGE = 129
-"""Number of lengths over a geometry's range: a cubic spline through them reproduces the force to 1e-7."""
+"""Number of lengths over a geometry's range, enough for a cubic spline to match the force to 1e-7."""
 
 
 @quick_jit
 def _states(
     muscle: famjax.Muscle, lengths: famjax.Real, pressures: famjax.Real
 ) -> dict[str, Float[Array, "..."]]:
-    """Return states and parts of the force; strains and stresses are axial means; nan if unknown."""
+    """Return states and force contributions; strains and stresses are axial means; nan if unknown."""
     L, P = jnp.broadcast_arrays(jnp.asarray(lengths), jnp.asarray(pressures))
     geometry, terms = muscle.geometry, muscle.terms.terms
     rated = any(term.uses_rates for term in terms)
@@ -79,7 +79,7 @@ def _states(
 
 
 def _free(contraction: np.ndarray, force: np.ndarray) -> tuple[float, float]:
-    """Return where a cubic spline of the force first falls to zero and its slope there, nan if none."""
+    """Return the contraction at which a spline of the force first falls to zero, and its slope, or nan."""
     from scipy.interpolate import CubicSpline
 
     known = np.isfinite(force)
@@ -93,12 +93,12 @@ def _free(contraction: np.ndarray, force: np.ndarray) -> tuple[float, float]:
 
 @dataclasses.dataclass(frozen=True)
 class Source:
-    """Contents of the folder and its results.
+    """Contents of a characterisation folder and its results.
 
     Attributes:
-        sheet: the folder's sheet.
+        sheet: sheet in the folder.
         fits: fits by geometry.
-        figures: contents of `figures.json` by geometry: errors, parameter values and their errors.
+        figures: contents of `figures.json` by geometry: force errors, and parameters with their errors.
         test: contents of `characterisation.json`, or {}.
         pressures: gauge pressures [Pa] held in the test, ascending.
         surface: shape surface fitted to the photographs, or None.
@@ -136,7 +136,7 @@ class Source:
         return value / factor(self.unit(kind), kind)
 
     def number(self, value: float | None, kind: str, digits: int = 4) -> str:
-        """Format a number for the page; a dash if it is unknown."""
+        """Format a number for the page; return a dash if it is unknown."""
         if value is None or not np.isfinite(value):
             return "\N{EN DASH}"
         return f"{self.scaled(float(value), kind):.{digits}g}".replace("-", "\N{MINUS SIGN}")
@@ -153,7 +153,7 @@ class Source:
         return found
 
     def csv(self, name: str) -> str:
-        """Return a table as CSV, with the unit at the end of each column name; unknown values are empty."""
+        """Return a table as CSV. Each column name ends with its unit; unknown values are empty."""
         units = {one: f"_{self.unit(kind)}" for one, kind in KINDS.items()}
         names = {one: re.sub(",? ", "_", one) + units.get(one, "") for one in self.tables[name]}
         return (
@@ -164,7 +164,7 @@ class Source:
 
 
 def read_source(sheet: Sheet, names: Sequence[str]) -> Source:
-    """Read all data for the report and evaluate each model once."""
+    """Read all data for the report, and evaluate each model once."""
     record = sheet.results / evaluation.RECORDS / evaluation.TEST
     test = _read(record) if record.exists() else {}
     data, shown = evaluation.read_map(sheet), sheet.photographs is not None
@@ -191,7 +191,7 @@ def read_source(sheet: Sheet, names: Sequence[str]) -> Source:
 
 
 def _of_geometry(source: Source, name: str, shortest: float) -> tuple[Any, Any]:
-    """Tabulate a model's states over the stroke and, by pressure, the stroke's ends, errors and work."""
+    """Tabulate a model's states over the stroke and, for each pressure, its end points, errors and work."""
     fit, P = source.fits[name], source.pressures
     muscle: Any = fit.muscle
     rest = float(muscle.rest_length)
@@ -223,7 +223,7 @@ def _of_geometry(source: Source, name: str, shortest: float) -> tuple[Any, Any]:
 
 
 def _readings(source: Source) -> pd.DataFrame:
-    """Tabulate the loaded readings with the model's force, its 95 % band and the residuals."""
+    """Tabulate the readings under load with the model's force, its 95 % band and the residuals."""
     fit = source.fits[source.best]
     data, pulls = fit.data, fit.data.loaded
     found = pd.DataFrame(static_rows(fit, data.length[pulls], data.pressure[pulls]))
@@ -235,7 +235,7 @@ def _readings(source: Source) -> pd.DataFrame:
 
 
 def _parameters(source: Source) -> pd.DataFrame:
-    """Tabulate the parameters of each geometry, with standard errors by source."""
+    """Tabulate the parameters of each geometry, with their standard errors by source."""
     frames = []
     for geometry, of in source.figures.items():
         columns = {"value": of["values"], "std": of["std"], "std_of_scatter": of["std_of_scatter"]}
@@ -252,7 +252,7 @@ def _parameters(source: Source) -> pd.DataFrame:
 
 
 def parameter_kind(source: Source, name: str) -> str:
-    """Return the kind of quantity of an identified parameter."""
+    """Return the kind of quantity that an identified parameter is, such as "length"."""
     entries = [fit.document["parameters"] for fit in source.fits.values()]
     return next((one[name]["kind"] for one in entries if name in one), "number")
 

@@ -1,7 +1,7 @@
 function [F, G] = @name@_force(L, P)
 %@NAME@_FORCE  Force F [N] at active lengths L [m] and gauge pressures P [Pa].
-%   G is the force without clipping: negative where the muscle is slack. L and P expand as in L + P.
-%   NaN outside the range of the model; lengths beyond the straight threads raise an error.
+%   G is the force without clipping: it is negative where the muscle is slack. L and P expand as in L + P.
+%   F is NaN outside the range of the model. Lengths at which the threads are straight raise an error.
 %
 @HEADING@
 %#codegen

@@ -1,7 +1,7 @@
 function P = @name@_pressure(L, F)
 %@NAME@_PRESSURE  Gauge pressure P [Pa] at which a muscle of length L [m] pulls with F [N].
-%   NaN if no pressure in the range of the model gives this force. L and F expand as in L + F.
-%   Computed by bisection; finite differences of P are accurate to their step.
+%   P is NaN if no pressure in the range of the model produces this force. L and F expand as in L + F.
+%   P is computed by bisection; finite differences of P are accurate to their step.
 %
 @HEADING@
 %#codegen

@@ -45,7 +45,7 @@ enum { states = 3, variables = 11, substep = 2 }; /* ms */
 EXPORT const char *fmi2GetTypesPlatform(void) { return "default"; }
 EXPORT const char *fmi2GetVersion(void) { return "2.0"; }
 
-/* Set the friction as in a muscle at rest, at the inputs and states set before the start. */
+/* Set the friction to that of a muscle at rest, for the inputs and states set before the start. */
 static void settle(component c)
 {
     const @name@_state set = c->at;

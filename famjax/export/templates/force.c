@@ -44,7 +44,7 @@ static const real pressure_ends[2] = {R(@PRESSURE_END_0@), R(@PRESSURE_END_1@)};
 static const real slack_width = R(@SLACK@), limit = R(@LIMIT@);
 static const real close_enough = sizeof(real) < 8 ? R(2e-7) : R(1e-15);
 
-/* Value and slope of the cubic with these values and slopes at the ends of a cell. */
+/* Value and slope of the cubic with the given values and slopes at the ends of a cell. */
 static real cubic(real start, real end, real rate, real end_rate, real width, real u, real *slope)
 {
     const real rise = end - start, p = width * rate, q = width * end_rate;
@@ -53,7 +53,7 @@ static real cubic(real start, real end, real rate, real end_rate, real width, re
     return start + u * (p + u * (square + u * cube));
 }
 
-/* The cell that contains a value, its width, and the value's position in it, 0 to 1. */
+/* Cell that contains a value, width of the cell, and position of the value in it, 0 to 1. */
 static int cell(const real *at, int count, real value, real *width, real *u)
 {
     int low = 0, high = count - 1;
@@ -71,7 +71,7 @@ static int cell(const real *at, int count, real value, real *width, real *u)
     return low;
 }
 
-/* A step beyond an edge that bends towards a limit, and its slope; ends are 1/limit. */
+/* Step beyond an edge, which bends towards a limit, and its slope; ends are 1/limit. */
 static real bent(real step, const real *ends, real *slope)
 {
     const real inverse = step < 0 ? ends[0] : ends[1], way = inverse * (step < 0 ? -step : step);

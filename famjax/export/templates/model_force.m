@@ -1,7 +1,7 @@
 function [force, stiffness, area] = @name@_model_force(L, P)
-%@NAME@_MODEL_FORCE  Model force, not clipped, and its slopes; scalars.
-%   [G, dG/dL, dG/dP] in N, N/m, m^2 at an active length L [m] and gauge pressure P [Pa]. Negative
-%   where the muscle is slack.
+%@NAME@_MODEL_FORCE  Model force, not clipped, and its slopes, for scalar inputs.
+%   Returns [G, dG/dL, dG/dP] in N, N/m, m^2 at an active length L [m] and a gauge pressure P [Pa]. G is
+%   negative where the muscle is slack.
 %
 @HEADING@
 %#codegen

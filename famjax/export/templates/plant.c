@@ -7,7 +7,7 @@
 
 typedef @name@_state state;
 
-/* Numbers of the circuit, the friction and the viscous loss. */
+/* Parameters of the circuit, the friction and the viscous loss. */
 @NUMBERS@
 
 static const real hold_lengths[@HOLD_LENGTHS@] STORED = {
@@ -27,7 +27,7 @@ static real bigger(real a, real b) { return a > b ? a : b; }
 static real smaller(real a, real b) { return a < b ? a : b; }
 static real size_of(real a) { return a < 0 ? -a : a; }
 
-/* V, V_a, V_b, V_ab a step along a beyond the table: V + dV if it grows, V/(1 - dV/V) if it shrinks. */
+/* V, V_a, V_b, V_ab one step beyond the table along a: V + dV if V grows, V/(1 - dV/V) if it shrinks. */
 static void go_on(real *V, real *a, real *b, real *ab, real step)
 {
     if (*a * step >= 0) {
@@ -102,7 +102,7 @@ static real yield(real pressure) { return 1 / (c_exponent * (pressure + c_atmosp
 
 static real pressure_of(real root) { return root; }
 static real root_of(real pressure) { return pressure; }
-#else /* water is hardly compressible: its volume needs more digits than a float has */
+#else /* water is almost incompressible: its volume needs more digits than a float has */
 typedef char water_needs_double[sizeof(real) == 8 ? 1 : -1];
 
 static real pressure_of(real root) { return root * R(sqrt(root * root + 20)); }
@@ -178,7 +178,7 @@ static real held_by(const real *memory, real pressure)
     return force;
 }
 
-/* Slide to the turn of the static map's cycle through a state, or to the start of that cycle. */
+/* Slide to the turning point of the static map's cycle through a state, or to the start of that cycle. */
 static void to_end(real *memory, real length, real pressure, int turn)
 {
 #if f_cycle == 1

@@ -1,7 +1,7 @@
 function [force, stiffness, area] = @name@_force(L, P)
 %@NAME@_FORCE  Force [N], >= 0, at active lengths L [m] and gauge pressures P [Pa].
-%   [F, dF/dL, dF/dP]; L and P expand as in L + P. Works in a Simulink MATLAB
-%   Function block and in code generation; @name@_model_force.m must be in the same folder.
+%   Returns [F, dF/dL, dF/dP]; L and P expand as in L + P. The function works in a MATLAB Function block
+%   in Simulink and in code generation; @name@_model_force.m must be in the same folder.
 %
 @HEADING@
 %#codegen

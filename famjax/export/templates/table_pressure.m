@@ -1,8 +1,8 @@
 function pressure = @name@_pressure(L, F)
-%@NAME@_PRESSURE  Lowest gauge pressure [Pa] at which the muscle of length L [m] pulls with F [N].
-%   From 0 to the limit @LIMIT@ Pa: 0 if the force at zero pressure is larger, the limit if the
-%   force is never reached. For F <= 0, the highest pressure at which the muscle is slack. L and F expand
-%   as in L + F; @name@_model_force.m must be in the same folder.
+%@NAME@_PRESSURE  Lowest gauge pressure [Pa] at which a muscle of length L [m] pulls with F [N].
+%   The result is 0 if the force at zero pressure is larger, and the limit of @LIMIT@ Pa if the force is
+%   never reached. For F <= 0, it is the highest pressure at which the muscle is slack. L and F expand as
+%   in L + F; @name@_model_force.m must be in the same folder.
 %
 @HEADING@
 %#codegen

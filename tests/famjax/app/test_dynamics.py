@@ -65,7 +65,11 @@ def test_a_bundled_muscle_lifts_a_mass(run, tmp_path):
         ('"air"', '"oil"', "fluid must be 'air' or 'water', got 'oil'"),
         ("supply_kPa = 700", "supply_kPa = -7", "supply must be finite and at least 0 Pa"),
         ("[load]", "[lode]", "unknown table 'lode'"),
-        ("set_pressure_kPa = 200", "signal = 0.5", "steps must have a signal, or all must have a"),
+        (
+            "set_pressure_kPa = 200",
+            "signal = 0.5",
+            "step must have a signal, or every step must have a",
+        ),
         ("[controller]", "[friction]", "proportional_counts_per_psi is missing"),
         ("set_pressure_kPa = 200", "set_pressure_kPa = 200\nvalve = 1", "[[step]] 2: unknown key"),
     ],
@@ -164,7 +168,7 @@ def test_a_rig_is_tuned_from_its_step_test(run, tmp_path, fluid):
     other.write_text(PLAN.replace("water", "air" if fluid == "water" else "water"))
     wrong = (*asked[:3], "--plan", other, "-o", tmp_path / "new.toml")
     for words, said in (
-        (asked, "exists"), ((*asked, "--simulate"), "use either the journal"),
+        (asked, "exists"), ((*asked, "--simulate"), "use either a journal"),
         (wrong, "but the plan describes"),
     ):  # fmt: skip
         code, _, err = run(*words)

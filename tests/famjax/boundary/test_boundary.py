@@ -125,7 +125,7 @@ def test_a_dataclass_comes_back_from_its_entries(part):
     ("change", "message"),
     [
         ({"length_ft": 1}, r"^F: unknown key 'length_ft'; valid keys: length_<m.cm.mm.um.in>, "),
-        ({"length_in": 1}, "length is given twice, as length_m and length_in; keep one"),
+        ({"length_in": 1}, "length is set twice, as length_m and length_in: remove one of them"),
         ({"width_m": 1, "lenght_m": 1}, "unknown key 'width_m'; unknown key 'lenght_m'; valid keys:"),
         ({"count": 1}, "unknown key 'count'; valid keys: .*count_of_all"),
         ({"count_of_all": 1.5}, "count_of_all must be a whole number, got 1.5"),

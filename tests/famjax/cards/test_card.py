@@ -92,7 +92,7 @@ MEMBER = "members.0.muscle"
         (f"{MEMBER}.geometry.braid.type", "LinearThread", "use one of Braid, Compl"),
         (f"{MEMBER}.geometry.braid.turns", ..., "no entry 'turns' in .*muscle.geometry.braid"),
         (f"{MEMBER}.geometry.bladder.embedded", 1, "embedded .* must be of type bool, got 1"),
-        (f"{MEMBER}.geometry.bladder", [], "must be an object in braces"),
+        (f"{MEMBER}.geometry.bladder", [], "must be a JSON object in braces"),
         (f"{MEMBER}.material.type", ..., "muscle.material .* unknown type None; .*Polynom"),
         (f"{MEMBER}.material.coefficients_psi", [1.0], "unknown entry 'coefficients_psi'"),
         (f"{MEMBER}.material.coefficients_Pa", 1.0, r"must be numbers of shape \(order\), got"),

@@ -68,7 +68,9 @@ def test_an_actuator_by_which_a_muscle_would_not_pull_is_refused(subject):
     with pytest.raises(ValueError, match='must have biastype="user"'):
         install(mujoco.MjModel.from_xml_string(JOINT.replace("BIAS", "affine")), pulls)
     model = mujoco.MjModel.from_xml_string(JOINT.replace("BIAS", "user"))
-    with pytest.raises(ValueError, match="pass the length of the muscle there as an offset"):
+    with pytest.raises(
+        ValueError, match="pass the length of the muscle at that angle as an offset"
+    ):
         install(model, pulls)
     install(model, pulls, {"flexor": 0.27})
     assert pulled(model, 3e5) == pytest.approx(-subject.pull.force(0.27, 3e5))

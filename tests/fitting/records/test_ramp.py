@@ -177,7 +177,7 @@ def test_unsettled_holds_are_marked_and_not_used(monkeypatch):
     with pytest.raises(InputError, match="no record at 300 mm has both branches"):
         static_map(_points())
     monkeypatch.setattr(ramp, "_PART", (0.511, 0.512))
-    with pytest.raises(InputError, match="fewer than 5 readings in the fraction"):
+    with pytest.raises(InputError, match="fewer than 5 readings in the used part"):
         _points()
 
 
@@ -189,8 +189,8 @@ BAD: list[tuple[Callable[[], object], str]] = [
     (lambda: static_map(_points(), step=0.0), "step must be > 0"),
     (lambda: static_map(_points(slack_below=1e4)).force_data(SPECIMEN), "of the map are slack"),
     (lambda: dataclasses.replace(_ramp(0.3), length=0.0), "length must be > 0"),
-    (lambda: dataclasses.replace(_ramp(0.3), pressure=np.ones(21000)), "pressure of a record must"),
-    (lambda: dataclasses.replace(_ramp(0.3), time=np.ones(21000)), "time of a record must vary"),
+    (lambda: dataclasses.replace(_ramp(0.3), pressure=np.ones(21000)), "pressure in a record must"),
+    (lambda: dataclasses.replace(_ramp(0.3), time=np.ones(21000)), "time in a record must vary"),
 ]
 
 

@@ -113,7 +113,7 @@ def test_a_pool_that_breaks_says_what_is_kept(executor, tmp_path):
     store = Store(file, "test", {}, 6)
     with (
         ProcessPoolExecutor(1, SPAWN) as pool,
-        pytest.raises(InputError, match=rf"broke after \d of 6 .* are in {file}, and the same"),
+        pytest.raises(InputError, match=rf"failed after \d of 6 .* are in {file}: repeat the same"),
     ):
         run_tasks(
             chunk_work.poisoned_part, range(6), executor=pool if executor == "own" else 1,
