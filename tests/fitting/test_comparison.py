@@ -63,15 +63,9 @@ def test_sarosi_6_has_the_errors_of_the_study(dmsp10, sarosi):
     assert by_length.rmse == pytest.approx(81, abs=0.5)
 
 
-@pytest.fixture(scope="module")
-def table(dmsp10: ForceData):
+def test_the_table_holds_every_model_the_best_first(dmsp10):
     seen: list[tuple[int, int]] = []
     found = compare(dmsp10, ["hildebrandt", "gaylord"], progress=lambda *state: seen.append(state))
-    return found, seen
-
-
-def test_the_table_holds_every_model_the_best_first(table):
-    found, seen = table
     rows = {row.name: row for row in found.rows}
     out = [one for row in found.rows if math.isfinite(one := row.lolo_interior_rmse)]
     assert out == sorted(out)
