@@ -113,6 +113,31 @@ def run(capsys: pytest.CaptureFixture) -> Callable[..., tuple[int, str, str]]:
     return command
 
 
+@pytest.fixture
+def said(run: Callable) -> Callable[..., str]:
+    """What a command prints that must end well."""
+
+    def command(*words: object) -> str:
+        code, out, err = run(*words)
+        assert code == 0, err
+        return out
+
+    return command
+
+
+@pytest.fixture
+def refused(run: Callable) -> Callable[..., str]:
+    """The errors, in one line, of a command that must end with 2 and a sentence."""
+
+    def command(sentence: str, *words: object) -> str:
+        code, _, err = run(*words)
+        told = " ".join(err.split())
+        assert (code, sentence in told) == (2, True), told
+        return told
+
+    return command
+
+
 MAPPINGS = Path("/proc/self/maps")
 MANY = 20_000  # of the 65 530 mappings that Linux gives a process
 

@@ -82,12 +82,11 @@ def states(readings: Readings) -> tuple[np.ndarray, np.ndarray]:
     L = np.union1d(np.linspace(lengths[0], lengths[-1], _DENSE), gap)
     P = np.linspace(readings.pressure.min(), readings.pressure.max(), _PRESSURES)
     L, P = (grid.ravel() for grid in np.meshgrid(L, P, indexing="ij"))
-    inside = np.ones(L.size, bool)
     scale = np.array([np.ptp(readings.length), np.ptp(readings.pressure)])
     try:
         hull = Delaunay(np.stack([readings.length, readings.pressure], 1) / scale)
     except QhullError:  # all on one line
-        return L[inside], P[inside]
+        return L, P
     inside = hull.find_simplex(np.stack([L, P], 1) / scale, tol=1e-9) >= 0
     return L[inside], P[inside]
 

@@ -5,10 +5,11 @@ import dataclasses
 import io
 import os
 import re
-import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+
+from processes import ran
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -81,18 +82,10 @@ def _python(code: str, names: dict[str, object], where: str) -> str:
 
 
 def _shell(script: str, folder: Path, where: str) -> str:
-    run = "\n".join(
-        line for line in script.splitlines() if not any(word in line for word in _INSTALLS)
-    )
-    famjax = f'famjax() {{ "{sys.executable}" -m famjax "$@"; }}\n'
-    done = subprocess.run(
-        ["bash", "-euo", "pipefail", "-c", famjax + run],
-        cwd=folder,
-        env={**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "120"},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    lines = [line for line in script.splitlines() if not any(word in line for word in _INSTALLS)]
+    code = "\n".join([f'famjax() {{ "{sys.executable}" -m famjax "$@"; }}', *lines])
+    env = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "120"}
+    done = ran("bash", "-euo", "pipefail", "-c", code, cwd=folder, env=env)
     assert done.returncode == 0, f"{where}:\n{done.stdout}\n{done.stderr}"
     return done.stdout
 

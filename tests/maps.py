@@ -129,25 +129,15 @@ def raw(name: str) -> Path:
 
 def bpa10_maps() -> dict[str, StaticMap]:
     """The static maps of tests 8 to 10 at four lengths, by specimen; the sensor reads 8.94 kPa at 0."""
-    folder = raw("bpa10")
-    return {
-        name: static_map(
-            quasi_static(
-                [
-                    read_ramp(
-                        folder / f"10mm_{name}_{state}_Test{test}.csv",
-                        length=length,
-                        columns=COLUMNS,
-                    )
-                    for state, length in lengths.items()
-                    for test in (8, 9, 10)
-                ],
-                atmosphere=8.94e3,
-                slack_below=LEAST_PULL,
-            )
-        )
-        for name, lengths in BPA10.items()
-    }
+    folder, maps = raw("bpa10"), {}
+    for name, lengths in BPA10.items():
+        ramps = [
+            read_ramp(folder / f"10mm_{name}_{at}_Test{test}.csv", length=length, columns=COLUMNS)
+            for at, length in lengths.items()
+            for test in (8, 9, 10)
+        ]
+        maps[name] = static_map(quasi_static(ramps, atmosphere=8.94e3, slack_below=LEAST_PULL))
+    return maps
 
 
 def festo10_pairs() -> dict[str, BranchPairs]:
@@ -156,19 +146,14 @@ def festo10_pairs() -> dict[str, BranchPairs]:
 
     table = pd.read_csv(raw("festo10_series") / "quasistatic.csv")
     pulls = (table["F_fill_N"] > LEAST_PULL) & (table["F_vent_N"] > LEAST_PULL)
+
+    def ramp(length: object, rows: pd.DataFrame) -> BranchPairs:
+        P, half = (np.asarray(rows[key], float) for key in ("P_MPa_gauge", "half_hyst_N"))
+        L, rest = 1e-3 * float(str(length)), 1e-3 * float(rows["l0_mm"].iloc[0])
+        about = {"turn_pressure": 620e3, "rest_length": rest, "name": f"{length} mm"}
+        return BranchPairs.ramp(L, 1e6 * P, half, **about)
+
     return {
-        f"{name}cm": BranchPairs.joined(
-            [
-                BranchPairs.ramp(
-                    1e-3 * float(str(length)),
-                    1e6 * np.asarray(rows["P_MPa_gauge"], float),
-                    np.asarray(rows["half_hyst_N"], float),
-                    turn_pressure=620e3,
-                    rest_length=1e-3 * float(rows["l0_mm"].iloc[0]),
-                    name=f"{length} mm",
-                )
-                for length, rows in mine.groupby("L_mm")
-            ]
-        )
+        f"{name}cm": BranchPairs.joined([ramp(*one) for one in mine.groupby("L_mm")])
         for name, mine in table[pulls].groupby("cut_cm")
     }

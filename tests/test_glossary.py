@@ -74,8 +74,6 @@ def labels_of_page(page: str) -> list[str]:
         if "SHA-256" not in header:
             rows = re.findall(r"<tr><td[^>]*>(.*?)</td>", table)
             found += [html.unescape(one) for one in rows]
-            if "verdict" in header:
-                found += [
-                    html.unescape(one) for one in re.findall(r"<td>([a-z ]+)</td></tr>", table)
-                ]
+            if "verdict" in header:  # which are plain words
+                found += re.findall(r"<td>([a-z ]+)</td></tr>", table)
     return found

@@ -10,7 +10,6 @@ import pytest
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 EXACT = 1e-12
-L0 = 9.28125
 # What differs by more than its tolerance; examples/chambers2021/notes.py says why of each.
 OUT = {
     ("6, thickness", "estimated elastic, smallest bladder thickness in the 100 psi test"),
@@ -105,7 +104,7 @@ def test_reconstruction_meets_the_printed_ends(loaded):
     clean = loaded.reconstruction.force_map(noise_lbf=0)  # in inch, psi and lbf
     force, length = clean.force.reshape(10, 85), clean.length.reshape(10, 85)
     np.testing.assert_allclose(clean.pressure.reshape(10, 85)[:, 0], np.arange(10, 101, 10))
-    contraction = 1 - length / L0
+    contraction = 1 - length / 9.28125
     printed = (180, 0.237), (403, 0.312), (628, 0.336), (850, 0.348), (1058, 0.354)
     for row, (blocked, free) in zip(range(1, 10, 2), printed, strict=True):
         assert force[row, 0] == pytest.approx(blocked, rel=1e-9)

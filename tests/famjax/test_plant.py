@@ -18,8 +18,7 @@ from rig.protocol import GAIN_UNIT, INTEGRAL_UNIT, PRESSURE_UNIT, RUN, ControlLa
 
 CLOSED = 1e-9
 PRESSURE_RMS, FORCE_RMS = 0.005 * PSI, 0.02 * LBF  # of a whole test in ticks
-IN_S = INCH  # m/s
-# Signal, dump, rate [m/s], seconds: fills, strokes at 0.02 to 0.2 in/s, a vent, a dump.
+# Signal, dump, rate [in/s], seconds: fills, strokes at 0.02 to 0.2 in/s, a vent, a dump.
 TESTS = {
     "air": ((0.75, 0, 0, 1), (0.5, 0, 0, 1), (0.5, 0, -0.04, 1), (0.5, 0, 0.04, 1), (0.3, 0, 0, 1),
             (0.9, 0, -0.2, 1), (0.45, 0, 0.2, 1), (0.502, 0, -0.02, 1), (0, 1, 0, 1)),
@@ -47,10 +46,9 @@ def test_a_whole_test_in_ticks_is_its_adaptive_solution(fluid):
     pressures, forces = [], []
     for signal, dump, rate, seconds in TESTS[fluid]:
         times = np.arange(1, round(seconds / TICK) + 1) * TICK
-        command = Command(signal, dump, rate * IN_S)
-        in_ticks = simulate(plant, Command(np.full(times.size, signal), dump, rate * IN_S), TICK,
+        in_ticks = simulate(plant, Command(np.full(times.size, signal), dump, rate * INCH), TICK,
                             start=state)  # fmt: skip
-        exact = solve(precise, command)
+        exact = solve(precise, Command(signal, dump, rate * INCH))
         state, precise = last(in_ticks), last(exact)
         pressures.append(in_ticks.pressure - exact.pressure)
         forces.append(in_ticks.force - exact.force)
@@ -172,7 +170,6 @@ def test_gradients_of_two_seconds_in_every_number(fluid):
         assert float(slopes[k]) == pytest.approx(found, rel=1e-6, abs=1e-9), name
 
 
-RADII, LENGTHS = np.array([0.02, -0.02]), np.array([0.21, 0.21])
 HUNG = plants.MovingLoad.hung
 MOVED = {
     "hung": (lambda circuit: Plant(circuit, LinearMcKibben(), HUNG(40.0, damping=200.0)), 0.21),
@@ -185,7 +182,8 @@ MOVED = {
     "joint": (
         lambda circuit: Plant(
             (circuit, circuit), (LinearMcKibben(), LinearMcKibben()),
-            plants.MovingLoad.joint(0.02, radii=RADII, lengths=LENGTHS, damping=0.5),
+            plants.MovingLoad.joint(
+                0.02, radii=np.array([0.02, -0.02]), lengths=np.full(2, 0.21), damping=0.5),
         ), 0.0,
     ),
 }  # fmt: skip

@@ -48,6 +48,7 @@ class Case(NamedTuple):
 # ---- formulas, with the dimensions (length, pressure) of their arguments and of their result
 
 LENGTH, VOLUME, PRESSURE, NUMBER, FORCE = (1, 0), (3, 0), (0, 1), (0, 0), (2, 1)
+HOOP = (PRESSURE, LENGTH, LENGTH, LENGTH, NUMBER)
 
 FORMULAS: dict[str, tuple[Callable, tuple, tuple, tuple[int, int]]] = {
     function.__name__: (function, arguments, dimensions, result)
@@ -61,12 +62,7 @@ FORMULAS: dict[str, tuple[Callable, tuple, tuple, tuple[int, int]]] = {
         (braids.gaylord_force, (5e5, 0.01, 1.1), (PRESSURE, LENGTH, NUMBER), FORCE),
         (geometries.bladder_thickness, (0.3, 0.01, 4e-5), (LENGTH, LENGTH, VOLUME), LENGTH),
         (terms.bladder_axial_force, (-1e6, 4e-5, 0.3), (PRESSURE, VOLUME, LENGTH), FORCE),
-        (
-            terms.bladder_hoop_force,
-            (1e6, 2e-3, 0.3, 0.01, 2.1),
-            (PRESSURE, LENGTH, LENGTH, LENGTH, NUMBER),
-            FORCE,
-        ),
+        (terms.bladder_hoop_force, (1e6, 2e-3, 0.3, 0.01, 2.1), HOOP, FORCE),
     ]
 }
 
@@ -83,16 +79,12 @@ def formula_cases() -> Iterator[tuple[str, Case]]:
 # ---- shapes
 
 FOURIER = FourierProfile(1.27, [-0.83, 0.29, 0.18], [1.20, 0.75, 0.04], 4.347)
+WIDE = np.multiply.outer([1.0, 1.3, 1.6, 1.9], [0.9, 1.0, 0.95, 1.0, 0.9])  # by length and station
 FAMILIES: dict[str, Callable[[], surfaces.AbstractMeasuredFamily]] = {
     "measured": lambda: known.two_profiles(known.INELASTIC),
     "measured, elastic": lambda: known.two_profiles(known.KEVLAR),
     "sampled": lambda: surfaces.SampledSurface(
-        [9.2, 8.0, 7.0, 6.0],
-        [20.0, 100.0],
-        np.multiply.outer(  # by pressure, length and station
-            [1.0, 1.02], np.multiply.outer([1.0, 1.3, 1.6, 1.9], [0.9, 1.0, 0.95, 1.0, 0.9])
-        ),
-        known.INELASTIC,
+        [9.2, 8.0, 7.0, 6.0], [20.0, 100.0], np.multiply.outer([1.0, 1.02], WIDE), known.INELASTIC
     ),
 }
 
@@ -318,10 +310,6 @@ def test_derivatives_are_differences(case):
         np.testing.assert_allclose(rate, difference, atol=DIFFERENCE * np.abs(rate).max())
 
 
-def as_single(tree: Any) -> Any:
-    return jax.tree.map(lambda x: x.astype(np.float32) if eqx.is_inexact_array(x) else x, tree)
-
-
 # The muscle that was taken apart, and limits of pressures are of float64.
 DOUBLE = ("taken apart", "pressure for a force", "pressures of a joint")
 
@@ -329,7 +317,9 @@ DOUBLE = ("taken apart", "pressure for a force", "pressures of a joint")
 @pytest.mark.parametrize("case", [one for one in EVERY if one.id not in DOUBLE])
 def test_float32_stays_float32(case):
     whole = case.made()
-    model, states = as_single((whole, case.states))
+    single, others = eqx.partition((whole, case.states), eqx.is_inexact_array)
+    single = jax.tree.map(lambda x: x.astype(np.float32), single)
+    model, states = eqx.combine(single, others)
     found = eqx.filter_jit(case.call)(model, *states)
     assert found.dtype == jnp.float32
     exact = np.asarray(case.call(whole, *case.states))

@@ -4,17 +4,15 @@ import pytest
 
 from fitting import ForceData, Identification, identify, load_bundled
 
-DMSP20, DMSP10 = "DMSP-20-300", "DMSP-10-250"
-
 
 @pytest.fixture(scope="session")
 def dmsp20() -> ForceData:
-    return load_bundled(DMSP20)
+    return load_bundled("DMSP-20-300")
 
 
 @pytest.fixture(scope="session")
 def dmsp10() -> ForceData:
-    return load_bundled(DMSP10)
+    return load_bundled("DMSP-10-250")
 
 
 @pytest.fixture(scope="session")

@@ -10,11 +10,10 @@ from scipy import optimize
 
 from fitting import ForceData, InputError
 from fitting.comparison import PeerFit, compare, fit_peer
-from fitting.validation import LeftOut, leave_out_each
+from fitting.validation import leave_out_each
 
 pytestmark = pytest.mark.slow
 STUDY = 6e-3  # figures known to two decimals
-OPTIMUM = 1e-7  # relative: two minimisers of one function
 
 
 @pytest.fixture(scope="module")
@@ -24,11 +23,6 @@ def sarosi(dmsp10: ForceData) -> PeerFit:
 
 def _error(fit: PeerFit, data: ForceData) -> np.ndarray:
     return fit.predicted - data.force[data.loaded]
-
-
-def _left_out(fit: PeerFit, kind: str) -> LeftOut:
-    fits, kinds = [(fit.problem, fit.end.u)], {kind: (None, 8)}
-    return leave_out_each(fits, kinds, seed=0, settled=True, least=2)[0][kind]
 
 
 def test_sarosi_6_is_the_optimum_that_scipy_finds(dmsp10, sarosi):
@@ -50,28 +44,24 @@ def test_sarosi_6_is_the_optimum_that_scipy_finds(dmsp10, sarosi):
     theirs = optimize.minimize_scalar(
         cost, bounds=(grid[best + 1], grid[best - 1]), method="bounded", options={"xatol": 1e-9}
     )
-    assert np.sum(_error(sarosi, dmsp10) ** 2) == pytest.approx(theirs.fun, rel=OPTIMUM)
+    assert np.sum(_error(sarosi, dmsp10) ** 2) == pytest.approx(theirs.fun, rel=1e-7)
     assert sarosi.values["a3"] == pytest.approx(theirs.x, rel=1e-4)  # flat at its minimum
     assert (sarosi.end.converged, sarosi.at_bound) == (True, ())
 
 
 def test_sarosi_6_has_the_errors_of_the_study(dmsp10, sarosi):
     assert np.sqrt(np.mean(_error(sarosi, dmsp10) ** 2)) == pytest.approx(1.10, abs=STUDY)
-    by_pressure, by_length = (_left_out(sarosi, kind) for kind in ("pressure", "length"))
+    fits, kinds = [(sarosi.problem, sarosi.end.u)], {"pressure": (None, 8), "length": (None, 8)}
+    (left_out,) = leave_out_each(fits, kinds, seed=0, settled=True, least=2)
+    by_pressure, by_length = (left_out[kind] for kind in kinds)
     assert by_pressure.rmse == pytest.approx(1.36, abs=STUDY)
     assert by_length.interior_rmse == pytest.approx(8.1, abs=0.05)
     assert by_length.rmse == pytest.approx(81, abs=0.5)
 
 
-@pytest.fixture(scope="module")
-def table(dmsp10: ForceData):
+def test_the_table_holds_every_model_the_best_first(dmsp10):
     seen: list[tuple[int, int]] = []
     found = compare(dmsp10, ["hildebrandt", "gaylord"], progress=lambda *state: seen.append(state))
-    return found, seen
-
-
-def test_the_table_holds_every_model_the_best_first(table):
-    found, seen = table
     rows = {row.name: row for row in found.rows}
     out = [one for row in found.rows if math.isfinite(one := row.lolo_interior_rmse)]
     assert out == sorted(out)

@@ -5,7 +5,6 @@ import dataclasses
 import numpy as np
 import pytest
 
-import famjax
 import fitting
 from fitting import ForceData, InputError, Specimen, load_bundled, read_csv, write_csv
 from fitting.cli.problem import parse_bounds
@@ -39,9 +38,8 @@ def test_units_are_converted_and_order_does_not_matter(tmp_path):
 def test_the_wall_that_is_assumed_fits_the_bore(tmp_path, bore, wall):
     """1.8 mm in a bore of 5 mm would be blamed on a user who never said it."""
     path = tmp_path / "small.csv"
-    path.write_text(
-        f"# specimen: nominal_diameter_mm = {bore}\nforce_N,length_mm,pressure_kPa\n90,99,300\n50,95,300\n"
-    )
+    readings = "force_N,length_mm,pressure_kPa\n90,99,300\n50,95,300\n"
+    path.write_text(f"# specimen: nominal_diameter_mm = {bore}\n" + readings)
     data = read_csv(path)
     assert data.specimen.wall_thickness == pytest.approx(wall)
     assert any(f"{wall * 1e3:.3g} mm is assumed" in note for note in data.notes)
@@ -135,15 +133,15 @@ def test_files_that_are_no_map(tmp_path, content, message):
 
 
 ONE_TWO = np.array([1.0, 2.0])
-OF = Specimen("s", 0.3, 0.0018)
+SPECIMEN = Specimen("measured", 0.3, 0.002, nominal_diameter=0.02)
 
 
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: ForceData(-ONE_TWO, ONE_TWO, ONE_TWO, OF), "all 2 readings are slack"),
-        (lambda: ForceData(ONE_TWO, ONE_TWO, ONE_TWO[:1], OF), "length has shape"),
-        (lambda: ForceData(ONE_TWO * [1, np.nan], ONE_TWO, ONE_TWO, OF), "force of reading 2 is nan"),
+        (lambda: ForceData(-ONE_TWO, ONE_TWO, ONE_TWO, SPECIMEN), "all 2 readings are slack"),
+        (lambda: ForceData(ONE_TWO, ONE_TWO, ONE_TWO[:1], SPECIMEN), "length has shape"),
+        (lambda: ForceData(ONE_TWO * [1, np.nan], ONE_TWO, ONE_TWO, SPECIMEN), "force of reading 2 is nan"),
         (lambda: Specimen("s", 0.3, 0.01, bladder_diameter=0.02), "must be thinner than half"),
         (lambda: parse_bounds(["E_1_MPa"]), "must read name_unit=min:max"),
         (lambda: parse_bounds(["E_1_MPa=a:b"]), "must read name_unit=min:max"),
@@ -164,23 +162,18 @@ def test_a_file_may_say_which_readings_are_at_one_level(tmp_path):
     path.write_text("# level: pressure_tolerance_kPa = 5\n" + readings)
     data = read_csv(path)
     assert data.pressures.level.tolist() == [101e3, 101e3, 151e3, 151e3]
-    assert read_csv(write_csv(data, again, "us")).pressures.level.tolist() == pytest.approx(
-        data.pressures.level.tolist()
-    )
+    level = read_csv(write_csv(data, again, "us")).pressures.level
+    assert level == pytest.approx(data.pressures.level)
 
 
 def test_noise_about_zero_is_slack(dmsp10):
     noise = np.random.default_rng(1).normal(0, 0.5, dmsp10.force.size)
-    noisy = dataclasses.replace(dmsp10, force=dmsp10.force + noise, slack_below=None, count=None)
+    unsaid = {"slack_below": None, "count": None}
+    noisy = dataclasses.replace(dmsp10, force=dmsp10.force + noise, **unsaid)
     np.testing.assert_array_equal(noisy.slack, dmsp10.slack)
     assert "count as slack: readings below zero show noise of this size" in noisy.notes[-1]
-    pushing = dataclasses.replace(
-        dmsp10, force=np.where(dmsp10.slack, -30.0, dmsp10.force), slack_below=None, count=None
-    )
-    assert pushing.slack_below == 0.0
-
-
-SPECIMEN = Specimen("measured", 0.3, 0.002, nominal_diameter=0.02)
+    force = np.where(dmsp10.slack, -30.0, dmsp10.force)
+    assert dataclasses.replace(dmsp10, force=force, **unsaid).slack_below == 0.0
 
 
 def measured(values: np.ndarray, times: int, std: float, seed: int) -> np.ndarray:
@@ -208,15 +201,13 @@ def test_no_levels_are_seen_where_there_are_none(seed):
     assert "gaps do not separate them" in found.note
 
 
-def gauge_of_1_kpa(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Readings at seven set pressures and eight lengths, rounded so that most values repeat."""
-    P, L = (grid.ravel() for grid in np.meshgrid(np.arange(1, 8) * 70e3, np.arange(8) * 5e-3 + 0.2))
-    return np.round((P + rng.normal(0, 400, P.size)) / 1e3) * 1e3, L
-
-
 @pytest.mark.parametrize("seed", range(20))
 def test_values_that_a_gauge_rounds_are_on_the_level_that_was_set(seed):
-    pressure, length = gauge_of_1_kpa(np.random.default_rng(seed))
+    """Readings at seven set pressures and eight lengths, rounded so that most values repeat."""
+    grid = np.meshgrid(np.arange(1, 8) * 70e3, np.arange(8) * 5e-3 + 0.2)
+    pressure, length = (one.ravel() for one in grid)
+    read = pressure + np.random.default_rng(seed).normal(0, 400, pressure.size)
+    pressure = np.round(read / 1e3) * 1e3
     assert pressure.size >= 2 * np.unique(pressure).size
     found = ForceData(np.arange(1.0, 57.0), pressure, length, SPECIMEN).pressures
     expected = np.round(pressure / 70e3)
@@ -265,17 +256,10 @@ def test_levels_are_left_out_one_by_one_and_many_of_them_with_their_neighbours()
     assert (np.diff(group[np.argsort(many)]) >= 0).all()
 
 
-@pytest.fixture(scope="module")
-def found() -> fitting.Identification:
-    return fitting.identify(fitting.load_bundled("DMSP-10-250"), starts=1)
-
-
-def test_a_fit_shows_itself_in_a_notebook(found):
+def test_a_fit_shows_itself_in_a_notebook_and_on_the_axes_it_is_given(dmsp10):
+    found = fitting.identify(dmsp10, starts=1)
     shown = found._repr_html_()
     assert all(one in shown for one in ("Identified", "E_1 3.2", "RMSE", "data:image/png"))
-
-
-def test_plots_draw_on_the_axes_they_are_given(found):
     figure_module = pytest.importorskip("matplotlib.figure")
     for plot in (fitting.plot_isobars, type(found).plot):
         axes = figure_module.Figure().subplots()
@@ -283,15 +267,12 @@ def test_plots_draw_on_the_axes_they_are_given(found):
         assert axes.get_xlabel()
         assert axes.lines
     force = fitting.plot_isobars(found, figure_module.Figure().subplots(), "si")
-    drawn = np.concatenate([line.get_ydata() for line in force.lines])
-    assert np.nanmax(drawn) == pytest.approx(
-        float(np.max(famjax.Muscle.force(found.muscle, found.data.length.max(), 6.5e5))), rel=1e-6
-    )
+    drawn = np.nanmax(np.concatenate([line.get_ydata() for line in force.lines]))
+    assert drawn == pytest.approx(float(found.muscle.force(dmsp10.length.max(), 6.5e5)), rel=1e-6)
 
 
 def test_a_table_of_pandas_is_a_map_and_back(dmsp20):
-    data = dmsp20
-    frame = data.to_pandas()
+    data, frame = dmsp20, dmsp20.to_pandas()
     assert list(frame) == ["force_N", "pressure_Pa", "length_m", "loaded"]
     again = ForceData.from_pandas(frame, data.specimen)
     np.testing.assert_array_equal(again.force, data.force)
@@ -306,13 +287,12 @@ def test_a_table_of_pandas_is_a_map_and_back(dmsp20):
 
 
 def test_a_data_set_of_xarray_is_a_map_and_back(dmsp10):
-    data = dmsp10
-    assert ForceData.from_xarray(data.to_xarray()).sha256 == data.sha256
+    assert ForceData.from_xarray(dmsp10.to_xarray()).sha256 == dmsp10.sha256
     xarray = pytest.importorskip("xarray")
     grid = xarray.Dataset(
         {"force_N": (("pressure_kPa", "length_mm"), [[30.0, np.nan], [60.0, 20.0]])},
         {"pressure_kPa": [100.0, 200.0], "length_mm": [250.0, 240.0]},
     )
-    made = ForceData.from_xarray(grid, data.specimen)
+    made = ForceData.from_xarray(grid, dmsp10.specimen)
     assert made.force.tolist() == [30.0, 60.0, 20.0]
     assert made.pressure.tolist() == [1e5, 2e5, 2e5]

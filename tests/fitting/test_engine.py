@@ -27,7 +27,6 @@ from fitting.search import descend, descend_many, latin_hypercube, step_in_box
 
 STEP = 1e-5  # of the box
 NOISE = 1e-7  # of a difference so made, of the largest derivative
-ROUNDING = 1e-12  # relative: operations in another order
 RIG = {"series_compliance": Parameter(min=1e-6, max=2e-5, unit="m/N")}
 
 
@@ -93,7 +92,7 @@ def test_a_batch_is_the_fits_one_by_one(dmsp20):
     for one, other in zip(many, alone, strict=True):
         assert one.converged
         assert one.steps == other.steps
-        assert one.cost == pytest.approx(other.cost, rel=ROUNDING)
+        assert one.cost == pytest.approx(other.cost, rel=1e-12)  # operations in another order
         np.testing.assert_allclose(one.u, other.u, rtol=0, atol=1e-9)
 
 
@@ -123,8 +122,6 @@ def test_parts_of_a_joint_problem_are_the_problems_alone(dmsp20, dmsp10):
 
 
 FORCE_STEP = 0.4  # N: of differences
-DIFFERENCES = 1e-6  # relative: 1.6e-8 were found, and the ends are known to 1e-9
-IN_A_RIG = 1e-3  # the refits end where the cost is rounding, and the deadband hardly moves it
 
 
 def test_the_convex_fit_is_the_engine_s_and_its_gradient_that_of_differences(dmsp20):
@@ -184,7 +181,9 @@ def test_the_derivative_goes_through_the_fit(dmsp20, options):
         after, before, far, back = (getattr(end.point, of) for end in ends)
         difference = (8 * (after - before) - (far - back)) / (12 * FORCE_STEP)
         size = np.abs(difference).max()
-        tolerance = IN_A_RIG if options else DIFFERENCES
+        # 1.6e-8 were found, and the ends are known to 1e-9; but in a rig the refits end where the
+        # cost is rounding, and the deadband hardly moves it.
+        tolerance = 1e-3 if options else 1e-6
         np.testing.assert_allclose(mine / size, difference / size, atol=tolerance)
 
 
@@ -206,11 +205,8 @@ def test_the_step_is_that_of_scipy_and_meets_bounds_exactly(p):
         assert (move <= 1 - u[k]).all()
         met += ((move == -u[k]) | (move == 1 - u[k])).sum()
     assert met > count / 2
-
-
-def test_nothing_to_move():
-    moves = step_in_box(np.zeros((2, 3, 0)), np.ones((2, 3)), np.ones(2), *np.zeros((2, 2, 0)))
-    assert moves.shape == (2, 0)
+    none = step_in_box(np.zeros((2, 3, 0)), np.ones((2, 3)), np.ones(2), *np.zeros((2, 2, 0)))
+    assert none.shape == (2, 0)
 
 
 SHARED = 1e-9  # relative: another program, and the forces of a rig to their own tolerance

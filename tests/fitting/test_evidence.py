@@ -109,8 +109,6 @@ STATED = SharedErrors(
     rest_length=1e-4, shortening=1e-3, pressure_reading=2e-3, pressure_zero=300.0,
     force_reading=2e-3, wall_thickness=2e-5,
 )  # fmt: skip
-FIRST_ORDER = 0.08
-"""What is left of effects to second order in errors of a few parts in a thousand."""
 
 
 def fitted(data: ForceData) -> fitting.Identification:
@@ -137,7 +135,8 @@ def test_the_effect_is_that_of_readings_moved_and_fitted_again(source, found, ca
     scale = np.maximum(np.abs(numbers(found)), 1.0)
     apart = np.abs(numbers(moved) - numbers(found)) / scale
     effect = carried.effects[carried.sources.index(source)] / scale
-    np.testing.assert_allclose(effect, apart, rtol=FIRST_ORDER, atol=1e-6)
+    # Left: effects to second order in errors of a few parts in a thousand.
+    np.testing.assert_allclose(effect, apart, rtol=0.08, atol=1e-6)
 
 
 @pytest.mark.slow
@@ -175,18 +174,15 @@ def test_what_cannot_be_moved_is_refused(found):
     assert carry(found, {"nothing": [Move(alike)]}).std["E_1"] == 0
 
 
-REPLICATES, NOISE = 200, 2.0
-
-
 @pytest.mark.slow
 def test_intervals_cover_over_200_replicates():
     """The hit rates lie within the 99.9 % range of a binomial with the promised probability."""
     data = readings(known_muscle())
     exact = identify(data, starts=8)
     truth = np.array([e.value for e in exact.estimates])
-    noise = np.random.default_rng(11).normal(0, NOISE, (REPLICATES, data.force.size))
+    noise = np.random.default_rng(11).normal(0, 2.0, (200, data.force.size))
     batch = [exact.problem.with_readings(force=exact.problem.force + drawn) for drawn in noise]
-    ends = best_ends(batch, [exact.end.u[None]] * REPLICATES)
+    ends = best_ends(batch, [exact.end.u[None]] * 200)
     assert all(end.converged for end in ends)
     points = [end.point for end in ends]
     values = np.array([np.concatenate([point.parameters, point.x]) for point in points])
@@ -199,6 +195,6 @@ def test_intervals_cover_over_200_replicates():
     freedom = data.force.size - truth.size
     for level in (0.68, 0.95):
         inside = (pulls < stats.t.ppf((1 + level) / 2, freedom)).sum(axis=0)
-        low, high = stats.binom.ppf([0.0005, 0.9995], REPLICATES, level)
+        low, high = stats.binom.ppf([0.0005, 0.9995], 200, level)
         assert (low <= inside).all(), (level, inside)
         assert (inside <= high).all(), (level, inside)

@@ -39,16 +39,11 @@ def test_dmsp10_in_bounds_of_a_muscle_that_can_be_built(dmsp10):
     assert result.certificate.stability_margin > 0
 
 
-WIDE = {
-    "braid_diameter": (5e-3, 0.04),
-    "braid_angle": (0.785, 1.396),
-    "deadband_pressure": (0, 2e5),
-}
-
-
 @pytest.mark.parametrize(("name", "target"), [("dmsp20", 4.6), ("dmsp10", 1.8)])
 def test_wide_bounds_fit_better_and_leave_a_ridge(name, target, request):
-    result = identify(request.getfixturevalue(name), bounds=WIDE, starts=8)
+    wide = {"braid_diameter": (5e-3, 0.04), "braid_angle": (0.785, 1.396)}
+    bounds = wide | {"deadband_pressure": (0, 2e5)}
+    result = identify(request.getfixturevalue(name), bounds=bounds, starts=8)
     assert result.converged
     assert result.errors.rmse <= target
     assert any("Ridge: braid_diameter and braid_angle" in warning for warning in result.warnings)
@@ -167,8 +162,10 @@ def test_float64_is_asked_for_with_the_line_that_enables_it(dmsp20):
         identify(dmsp20)
 
 
-HELD = {"braid_diameter": 0.022, "braid_angle": math.radians(65), "deadband_pressure": 3e4}
-GEOMETRY_HELD = {name: (value, value) for name, value in HELD.items()}
+GEOMETRY_HELD = {
+    "braid_diameter": (0.022,) * 2, "braid_angle": (math.radians(65),) * 2,
+    "deadband_pressure": (3e4,) * 2,
+}  # fmt: skip
 TRUTHS: dict[str, tuple[object, famjax.materials.AbstractMaterial, dict[str, float]]] = {
     "polynomial": (famjax.PolynomialMaterial.template(order=2),
                    famjax.PolynomialMaterial([3e6, -2e6]), {"E_1": 3e6, "E_2": -2e6}),
@@ -319,7 +316,6 @@ def test_two_muscles_share_what_they_share():
         thin.estimate("braid_diameter[thick]")
 
 
-SOFT = fitting.Specimen("softening", 0.25, 0.0018, nominal_diameter=0.02, embedded=True)
 SHAPE = cylinder(0.0225, 63.0, 0.25, 0.0018)
 # It softens so far that it is not stable: every fit ends on the constraint.
 UNSTABLE = famjax.Muscle(SHAPE, famjax.PolynomialMaterial([6e6, -26e6, 26e6]), 30e3)
@@ -329,7 +325,8 @@ SOFT_NOISE = 8.0  # N
 def unstable(muscle: famjax.Muscle, seed: int, noise: float = SOFT_NOISE) -> ForceData:
     L, P = (g.ravel() for g in np.meshgrid(np.linspace(0.25, 0.18, 9), np.linspace(2e5, 6e5, 5)))
     force = np.asarray(muscle.force(L, P)) + np.random.default_rng(seed).normal(0, noise, L.size)
-    return ForceData(force, P, L, SOFT)
+    soft = fitting.Specimen("softening", 0.25, 0.0018, nominal_diameter=0.02, embedded=True)
+    return ForceData(force, P, L, soft)
 
 
 LINEAR = famjax.materials.PressurePolynomialMaterial([2e5, 6e5], np.ones((2, 3)))
@@ -347,12 +344,9 @@ def test_it_is_certified_where_the_law_touches_the_constraint(seed, options):
     assert found.active_constraints
     assert -1e-9 * largest <= found.certificate.constraint_margin <= 1e-6 * largest  # it is active
     if options.get("constraint", "drucker") == "drucker":
-        paths = found.problem.parts[0].inputs.path_pressure
-        lowest = min(
-            float(famjax.path_modulus(found.muscle.material, found.muscle.geometry,
-                                      np.linspace(0.25, 0.18, 4000), SOFT_P).min())
-            for SOFT_P in paths
-        )  # fmt: skip
+        pressures, of = found.problem.parts[0].inputs.path_pressure, found.muscle
+        along = np.linspace(0.25, 0.18, 4000), np.asarray(pressures)[:, None]
+        lowest = float(famjax.path_modulus(of.material, of.geometry, *along).min())
         assert lowest == pytest.approx(found.certificate.stability_margin, abs=1e-6 * largest)
 
 

@@ -70,32 +70,26 @@ TIME = np.arange(0, 2, STEP)
 GOOD = PlantRecord(TIME, 0.5 + 0.2 * (TIME > 1), 1e4 * TIME, np.full(TIME.size, 0.23))
 
 
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        ({"signal": np.full(TIME.size, 0.5)}, "A pressure set point cannot be used"),
-        ({"signal": GOOD.signal * 5}, "must vary between 0 and 1"),
-        ({"time": TIME**2}, "equal steps"),
-        ({"force": np.full(TIME.size, np.nan)}, "force must be finite"),
-        ({"pressure": GOOD.pressure + 101e3}, "subtract the atmospheric pressure"),
-    ],
-)
-def test_what_is_no_record_is_refused(change, said):
-    with pytest.raises(InputError, match=said):
-        dataclasses.replace(GOOD, **change)
+def changed(**columns: np.ndarray) -> PlantRecord:
+    return dataclasses.replace(GOOD, **columns)
 
 
 @pytest.mark.parametrize(
-    ("record", "options", "said"),
+    ("record", "free", "said"),
     [
-        (GOOD, {"free": ("size",)}, "free must name parameters of the plant, chosen from supply"),
-        (dataclasses.replace(GOOD, time=TIME * 10), {}, "determine a lag of about 12 ms"),
-        ([], {}, "at least one PlantRecord"),
+        (lambda: changed(signal=np.full(TIME.size, 0.5)), None, "A pressure set point cannot be used"),
+        (lambda: changed(signal=GOOD.signal * 5), None, "must vary between 0 and 1"),
+        (lambda: changed(time=TIME**2), None, "equal steps"),
+        (lambda: changed(force=np.full(TIME.size, np.nan)), None, "force must be finite"),
+        (lambda: changed(pressure=GOOD.pressure + 101e3), None, "subtract the atmospheric pressure"),
+        (lambda: changed(time=TIME * 10), None, "determine a lag of about 12 ms"),
+        (lambda: GOOD, ("size",), "free must name parameters of the plant, chosen from supply"),
+        (lambda: [], None, "at least one PlantRecord"),
     ],
-)
-def test_what_cannot_be_identified_is_refused(record, options, said):
+)  # fmt: skip
+def test_what_is_no_record_or_cannot_be_identified_is_refused(record, free, said):
     with pytest.raises(InputError, match=said):
-        identify_plant(record, Plant(PneumaticCircuit(), LinearMcKibben()), **options)
+        identify_plant(record(), Plant(PneumaticCircuit(), LinearMcKibben()), free=free)
 
 
 @pytest.mark.slow

@@ -137,43 +137,29 @@ def measured() -> Identification:
     return fitting.identify(fitting.load_bundled("DMSP-20-300"))
 
 
-@pytest.fixture(scope="module")
-def posterior(measured: Identification) -> Posterior:
-    return fitting.sample(measured, draws=300)
-
-
 @pytest.mark.slow
-def test_chains_of_a_measured_muscle_agree(posterior):
+def test_chains_of_a_measured_muscle_agree_and_hold_a_ridge_at_a_bound(measured):
+    posterior = fitting.sample(measured, draws=300)
     assert posterior.r_hat < 1.01
     assert posterior.effective_size > 400
     assert posterior.converged
     assert not posterior.divergent.any()
-
-
-@pytest.mark.slow
-def test_ridge_at_a_bound(posterior, measured):
     diameter, angle = posterior.draws("braid_diameter"), posterior.draws("braid_angle")
     assert ((diameter >= 0.020) & (diameter <= 0.0236)).all()
     assert np.corrcoef(diameter.ravel(), angle.ravel())[0, 1] < -0.97
     assert np.quantile(diameter, 0.9) > 0.02355  # the data alone would go further
     # Where the bound plays no part the linear theory holds.
-    deadband = posterior.summary["deadband_pressure"]
-    stderr = measured.estimate("deadband_pressure").stderr
-    assert deadband.mean == pytest.approx(
-        measured.estimate("deadband_pressure").value, abs=0.3 * stderr
-    )
-    assert deadband.std == pytest.approx(stderr, rel=0.15)
+    drawn, known = posterior.summary["deadband_pressure"], measured.estimate("deadband_pressure")
+    assert drawn.mean == pytest.approx(known.value, abs=0.3 * known.stderr)
+    assert drawn.std == pytest.approx(known.stderr, rel=0.15)
     assert posterior.summary["noise"].mean == pytest.approx(8.0, abs=0.5)
 
 
-def test_refusals(measured):
+def test_refusals_and_what_is_said_without_blackjax(measured, monkeypatch):
     with pytest.raises(fitting.InputError, match="noise must be a standard deviation > 0"):
         fitting.sample(measured, noise=-1.0)
     with pytest.raises(fitting.InputError, match="draws must be a whole number >= 4, got 1"):
         fitting.sample(measured, draws=1)
-
-
-def test_without_blackjax(measured, monkeypatch):
     monkeypatch.setitem(sys.modules, "blackjax", None)
     with pytest.raises(fitting.InputError, match=r"pip install \"famjax\[posterior\]\""):
         load_blackjax()

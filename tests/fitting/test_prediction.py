@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import jax
@@ -15,7 +14,7 @@ from slow_cases import slow_after
 
 import famjax
 import fitting
-from fitting import Choice, ForceData, Identification, load_fit, predict, write_csv, write_fit
+from fitting import ForceData, Identification, load_fit, predict, write_csv, write_fit
 from fitting.bands import pull, student_factor
 from fitting.prediction import pressures_for, reported, seen_slack
 from fitting.result import Outlook
@@ -23,7 +22,6 @@ from fitting.series import FROM_ONE
 
 REST, THREAD = 0.296, 0.296 / np.sin(np.deg2rad(62.0))  # m
 LENGTHS = np.linspace(0.23, 0.29, 7)  # at rest the law has a kink
-FORCES = np.linspace(0.0, 900.0, 7)  # N, of the readings
 
 
 def festo(deadband: float, coefficients: tuple[float, ...] = (5.9e6, -19.0e6, 25.8e6)):
@@ -34,7 +32,8 @@ def measured(one: famjax.Muscle, std: float = 0.0) -> Identification:
     """A fit whose largest reading is 900 N, its forces known to parts of their numbers."""
     numbers = np.append(np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(one)]), 0.0)
     outlook = Outlook(directions=std * numbers[None] if std else np.zeros((0, numbers.size)))
-    return bare_fit(one, LENGTHS, np.linspace(0.0, 6e5, LENGTHS.size), FORCES, outlook=outlook)
+    pressures, forces = np.linspace(0.0, 6e5, 7), np.linspace(0.0, 900.0, 7)
+    return bare_fit(one, LENGTHS, pressures, forces, outlook=outlook)
 
 
 @pytest.mark.parametrize("rest_length", [None, 0.25])
@@ -171,18 +170,8 @@ LEFT_OUT = 0.267  # m
 PRESSURES = np.array([150, 250, 350, 450, 525, 600, 675]) * 1e3
 
 
-@pytest.fixture
-def said(run: Callable) -> Callable[..., str]:
-    def command(*words: object) -> str:
-        code, out, _ = run(*words)
-        assert code == 0
-        return out
-
-    return command
-
-
 @pytest.fixture(scope="module")
-def without_a_length(dmsp20: ForceData, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def thinned(dmsp20: ForceData, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("map") / "map.csv"
     write_csv(dmsp20.part(np.abs(dmsp20.length - LEFT_OUT) >= 1e-6), path, system="metric")
     return path
@@ -190,10 +179,8 @@ def without_a_length(dmsp20: ForceData, tmp_path_factory: pytest.TempPathFactory
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("options", "widest"), [((), 130.0), (("--law", "polynomial"), 240.0)])
-def test_a_length_left_out_lies_in_its_band(
-    dmsp20, without_a_length, tmp_path, said, options, widest
-):  # fmt: skip
-    said("fit", without_a_length, *options, "--output", tmp_path)
+def test_a_length_left_out_lies_in_its_band(dmsp20, thinned, tmp_path, said, options, widest):
+    said("fit", thinned, *options, "--output", tmp_path)
     asked = ",".join(f"{P:.0f}Pa" for P in PRESSURES)
     state = "--length", f"{LEFT_OUT}m", "--pressure", asked
     rows = json.loads(said("predict", tmp_path / "fit.json", *state, "--json"))
@@ -206,8 +193,8 @@ def test_a_length_left_out_lies_in_its_band(
 
 
 @pytest.mark.slow
-def test_a_band_grows_with_the_distance_and_says_what_it_covers(without_a_length, tmp_path, said):
-    told = said("fit", without_a_length, "--law", "ogden", "--output", tmp_path, "--verbose")
+def test_a_band_grows_with_the_distance_and_says_what_it_covers(thinned, tmp_path, said):
+    told = said("fit", thinned, "--law", "ogden", "--output", tmp_path, "--verbose")
     assert "The 95 % prediction bands cover single readings" in told
     states = "--length", "280mm,225mm,340mm,100mm", "--pressure", "500kPa,900kPa"
     found = json.loads(said("predict", tmp_path / "fit.json", *states, "--json"))
@@ -224,30 +211,27 @@ def test_a_band_grows_with_the_distance_and_says_what_it_covers(without_a_length
     assert "no standard errors" not in told
 
 
-PARTS = (1.0, 0.97, 0.94, 0.91, 0.88, 0.85)
 MAKES = {"deadband": {"deadband": 3e4}, "rig": {"deadband": 0.0, "rig": (1.5e-5, 0.5)}}
 
 
 def one_of(make: str, rest: float, noise: float) -> ForceData:
-    return muscle_map(noise=noise, seed=5, lengths=PARTS, rest=rest, **MAKES[make])
+    lengths = np.linspace(1.0, 0.85, 6)
+    return muscle_map(noise=noise, seed=5, lengths=lengths, rest=rest, **MAKES[make])
 
 
 @pytest.fixture(scope="module", params=list(MAKES))
-def chosen(request: pytest.FixtureRequest) -> tuple[str, Choice]:
-    return request.param, fitting.choose(one_of(request.param, 0.25, noise=0.5))
-
-
-@pytest.fixture
-def saved(chosen: tuple[str, Choice], tmp_path: Path) -> Identification:
-    _, choice = chosen
-    write_fit(choice.chosen, tmp_path, choice=choice)
-    return load_fit(tmp_path / "fit.json")
+def chosen(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory):
+    """The make, what is chosen of a map of it, and that from its file."""
+    choice = fitting.choose(one_of(request.param, 0.25, noise=0.5))
+    paths = write_fit(choice.chosen, tmp_path_factory.mktemp("fit"), choice=choice)
+    return request.param, choice, load_fit(paths[0])
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("rest", [0.1, 0.5])
-def test_the_band_holds_what_a_muscle_of_that_length_pulls(chosen, saved, rest):
-    data = one_of(chosen[0], rest, noise=0.0)
+def test_the_band_holds_what_a_muscle_of_that_length_pulls(chosen, rest):
+    make, _, saved = chosen
+    data = one_of(make, rest, noise=0.0)
     held = []
     for length in np.unique(data.length):
         at = (data.length == length) & data.loaded
@@ -259,14 +243,15 @@ def test_the_band_holds_what_a_muscle_of_that_length_pulls(chosen, saved, rest):
 
 
 @pytest.mark.slow
-def test_a_prediction_is_the_mean_of_the_accounts(chosen, saved):
-    known = chosen[1].chosen.outlook.other_lengths
+def test_a_prediction_is_the_mean_of_the_accounts(chosen):
+    _, choice, saved = chosen
+    known = choice.chosen.outlook.other_lengths
     assert len(saved.outlook.other_lengths) == len(known) > 1
     cut = [one.with_muscle(famjax.cut_to_length(one.muscle, 0.4)) for one in known.values()]
     forces = [float(one.force(0.36, 4e5)) for one in cut]
     (row,) = predict(saved, np.array([0.36]), np.array([4e5]), rest_length=0.4)
     assert row["force_N"] == pytest.approx(np.mean(forces), rel=1e-9)
-    between = FROM_ONE * chosen[1].data.max_force
+    between = FROM_ONE * choice.data.max_force
     assert row["force_std_N"] == pytest.approx(np.hypot(np.std(forces), between), rel=1e-9)
 
 

@@ -78,6 +78,9 @@ def test_the_report_is_one_page_that_says_whence_it_comes_and_what_was_measured(
     document = json.loads(write_fit(fitted20, tmp_path, origin=ORIGIN)[0].read_text())
     assert document["origin"] == {"date": ORIGIN.date, "command": ORIGIN.command}
     assert matrix.shape == (5, 5)
+    sliders = live(fitted20, "us")
+    assert sliders["units"] == {"length": "in", "pressure": "psi", "force": "lbf"}
+    assert "NaN" not in sliders["json"]
 
 
 @pytest.mark.parametrize(
@@ -195,9 +198,3 @@ def test_the_page_says_what_predict_says(fitted20, tmp_path):
             row = fitting.predict(fit, np.array([length * 1e-3]), np.array([pressure * 1e3]))[0]
             force, low, high = (f"{row[key]:.5g}" for key in ("force_N", "low_95_N", "high_95_N"))
             assert said == f"Force {force} N, 95 % band {low} to {high} N"
-
-
-def test_units_of_the_report_are_those_of_the_sliders(fitted20):
-    shown = live(fitted20, "us")
-    assert shown["units"] == {"length": "in", "pressure": "psi", "force": "lbf"}
-    assert "NaN" not in shown["json"]

@@ -19,11 +19,9 @@ from fitting.series import Series
 from fitting.verdict import judge_series
 
 pytestmark = pytest.mark.slow
-DIAMETER, ANGLE, COMPLIANCE, C10, C01 = 0.012, math.radians(64), 1.1e-5, 0.5e6, 0.2e6
 NOISE = 1.0  # N
 LAWS = ("mooney-rivlin",)
 SEEN, NEVER_SEEN = (0.09, 0.27), (0.12, 0.18, 0.35)
-PRESSURES = np.linspace(1e5, 6e5, 6)
 
 
 def in_rig(rest: float, values: jax.Array) -> famjax.MountedMuscle:
@@ -34,11 +32,12 @@ def in_rig(rest: float, values: jax.Array) -> famjax.MountedMuscle:
     return famjax.MountedMuscle(famjax.Muscle(shape, law), compliance)
 
 
-TRUTH = jnp.array([DIAMETER, ANGLE, COMPLIANCE, C10, C01])
+NAMES = ("braid_diameter", "braid_angle", "series_compliance", "C10", "C01")
+TRUTH = jnp.array([0.012, math.radians(64), 1.1e-5, 0.5e6, 0.2e6])
 
 
 def points(rest: float) -> tuple[np.ndarray, np.ndarray]:
-    L, P = np.meshgrid(rest * np.linspace(1, 0.88, 4), PRESSURES)
+    L, P = np.meshgrid(rest * np.linspace(1, 0.88, 4), np.linspace(1e5, 6e5, 6))
     return L.ravel(), P.ravel()
 
 
@@ -70,19 +69,16 @@ def saved(series: Series, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_the_family_that_transfers_is_chosen(series):
+def test_the_family_that_transfers_is_chosen_and_the_truth_recovered(series):
     assert series.name == "mooney-rivlin, compliant rig"  # what the truth is
     assert series.law == "mooney-rivlin"
     assert series.weights[0] > 0.99  # of the rig that gives way
     assert list(series.candidates) == [one.candidate.name for one in series.tried]
     assert all(error > 0 for error in series.candidates.values())
-
-
-def test_the_truth_is_recovered(series):
+    # The truth is recovered.
     first, second = series.specimens
     assert first.converged
-    names = "braid_diameter", "braid_angle", "series_compliance", "C10", "C01"
-    for name, truth in zip(names, TRUTH, strict=True):
+    for name, truth in zip(NAMES, TRUTH, strict=True):
         assert first.estimate(name) == second.estimate(name)
         assert abs(first.estimate(name).value - truth) < 3.5 * first.estimate(name).stderr, name
 
@@ -136,7 +132,7 @@ def test_what_is_no_series_is_refused(maps, options, words):
         identify_series(named, **options)
 
 
-def test_the_command_reads_the_maps_and_its_file_predicts(run, tmp_path, series, monkeypatch):
+def test_the_command_reads_the_maps_and_its_file_predicts(said, tmp_path, series, monkeypatch):
     """The identification itself, a minute of it, is that of the fixture."""
     given: list[ForceData] = []
 
@@ -149,8 +145,7 @@ def test_the_command_reads_the_maps_and_its_file_predicts(run, tmp_path, series,
     meant = [specimen(rest, 7 + k) for k, rest in enumerate(SEEN)]
     maps = [write_csv(one, tmp_path / f"{k}.csv", "metric") for k, one in enumerate(meant)]
     fit = tmp_path / "out" / "fit.json"
-    code, table, _ = run("series", *maps, "--law", *LAWS, "--output", fit.parent)
-    assert code == 0
+    table = said("series", *maps, "--law", *LAWS, "--output", fit.parent)
     assert "mooney-rivlin" in table
     assert "rest length mm" in table
     assert any(line.split()[:1] == ["braid_angle"] and "deg" in line for line in table.splitlines())
@@ -159,13 +154,11 @@ def test_the_command_reads_the_maps_and_its_file_predicts(run, tmp_path, series,
         np.testing.assert_allclose(read.length, one.length, rtol=1e-9)
         assert read.specimen.name == one.specimen.name
     asked = ("--length", "170mm", "--pressure", "400kPa")
-    code, out, _ = run("predict", fit, "--rest-length", "180mm", *asked, "--json")
-    assert code == 0
-    (row,) = json.loads(out)
+    (row,) = json.loads(said("predict", fit, "--rest-length", "180mm", *asked, "--json"))
     truth = float(in_rig(0.18, TRUTH).force(0.17, 4e5))
     assert abs(row["force_N"] - truth) < 2 * NOISE
     assert row["low_95_N"] < truth < row["high_95_N"]
-    _, out, _ = run("predict", fit, "--length", "95mm", "--pressure", "400kPa")
+    out = said("predict", fit, "--length", "95mm", "--pressure", "400kPa")
     assert f"{1e3 * SEEN[0]:.4g} mm; choose another rest length with --rest-length" in out
 
 

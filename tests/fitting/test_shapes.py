@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import equinox as eqx
@@ -162,17 +161,13 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture
-def fitted(run: Callable, folder: Path) -> Callable[..., tuple[int, str, str]]:
-    return lambda shape, *words: run(
-        "fit", folder / "map.csv", "--output", folder / "out", "--verbose", "--shape", shape, *words
-    )
+def fit_of(folder: Path) -> tuple[object, ...]:
+    return "fit", folder / "map.csv", "--output", folder / "out", "--verbose", "--shape"
 
 
 @pytest.mark.slow
-def test_the_law_and_the_turns_come_back(folder, fitted):
-    code, out, _ = fitted(folder / "measurements.nc")
-    assert code == 0
+def test_the_law_and_the_turns_come_back(folder, said):
+    out = said(*fit_of(folder), folder / "measurements.nc")
     assert "The shape is measured in 120 pictures at lengths from 153.5 to" in out
     found = json.loads((folder / "out" / "fit.json").read_text())["parameters"]
     assert found["turns"]["value"] == pytest.approx(float(BRAID.turns), rel=1e-3)
@@ -189,19 +184,17 @@ def test_the_law_and_the_turns_come_back(folder, fitted):
         (None, "no such file"),
     ],
 )
-def test_a_file_that_is_no_table_is_refused(content, words, fitted, tmp_path):
+def test_a_file_that_is_no_table_is_refused(content, words, folder, refused, tmp_path):
     path = tmp_path / "shape.nc"
     if content is not None:
         path.write_bytes(content)
-    code, _, err = fitted(path)
-    assert code == 2
-    assert words in err
+    refused(words, *fit_of(folder), path)
 
 
 @pytest.mark.slow
-def test_the_errors_of_the_shape_and_those_stated_widen_the_parameters(folder, fitted):
-    code, out, _ = fitted(folder / "measurements.nc", "--error", "wall_thickness_mm=0.05")
-    assert code == 0
+def test_the_errors_of_the_shape_and_those_stated_widen_the_parameters(folder, said):
+    table = folder / "measurements.nc"
+    out = said(*fit_of(folder), table, "--error", "wall_thickness_mm=0.05")
     assert "total" in out
     by_source = json.loads((folder / "out" / "fit.json").read_text())["shared_errors"]
     # 0.05 mm of 1.5875 mm, of a volume that goes with t (D - t); the strain at mid-wall takes part, too.

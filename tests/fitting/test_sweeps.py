@@ -76,18 +76,15 @@ def path_end(pressure: float) -> float:
 def programme(dependence: str, constraint: str, order: int) -> tuple[np.ndarray, ...]:
     """A, b and G of a fit, and the place of each reading's pressure."""
     loaded = DATA.loaded
-    length, pressure = DATA.length[loaded], DATA.pressure[loaded]
+    at = DATA.length[loaded], DATA.pressure[loaded]
     braid = famjax.Muscle(geometry(), famjax.PolynomialMaterial([0.0]), 1e4)
-    target = DATA.force[loaded] - np.asarray(braid.braid_force(length, pressure))
+    target = DATA.force[loaded] - np.asarray(braid.braid_force(*at))
     share = (PRESSURES - PRESSURES[0]) / (PRESSURES[-1] - PRESSURES[0])
     linear = np.stack([1 - share, share], axis=1)
     bases = {"fixed": np.ones((3, 1)), "linear": linear, "free": np.eye(3)}
-    basis, columns = (
-        bases[dependence],
-        of_units(order, lambda law: famjax.Muscle(geometry(), law).bladder_force(length, pressure)),
-    )
-    of = np.searchsorted(PRESSURES, pressure)
-    A = (basis[of][:, :, None] * columns[:, None, :]).reshape(length.size, -1)
+    basis, of = bases[dependence], np.searchsorted(PRESSURES, at[1])
+    columns = of_units(order, lambda law: famjax.Muscle(geometry(), law).bladder_force(*at))
+    A = (basis[of][:, :, None] * columns[:, None, :]).reshape(target.size, -1)
     rows = [
         (basis[p][None, :, None] * G[:, None, :]).reshape(len(G), -1)
         for p, P in enumerate(PRESSURES)

@@ -10,7 +10,6 @@ import pytest
 from PIL import Image
 from rendering import published_ruler, published_scene, render, render_ruler, sequence
 
-from famjax.__main__ import main
 from imaging import Recipe, Scale, Tone, write_recipe
 from imaging.cli import RecipeOptions, command_recipe
 from imaging.errors import MixedSizes
@@ -42,25 +41,17 @@ def lab(tmp_path_factory):
     return SimpleNamespace(folder=folder, photos=folder / "photos", truth=truth, record=record)
 
 
-def run(*arguments):
-    with pytest.raises(SystemExit) as left:
-        main(["measure", *map(str, arguments)])
-    return left.value.code
-
-
 def table(path):
     with path.open(newline="", encoding="utf-8") as file:
         return list(csv.DictReader(file))
 
 
 @pytest.mark.slow
-def test_a_stroke_becomes_a_table_with_force_and_what_a_person_checks(lab, tmp_path, capsys):
-    out = tmp_path / "out"
-    ruler = lab.photos / "ruler.jpg"
-    code = run(lab.photos, "--ruler", ruler, "--log", lab.folder / "log.csv", "--jobs", 1,
-               "--output", out, "--overlays", 3, "--units", "us", "--json")  # fmt: skip
-    document = json.loads(capsys.readouterr().out)
-    assert code == 0, document
+def test_a_stroke_becomes_a_table_with_force_and_what_a_person_checks(lab, tmp_path, said):
+    out, ruler = tmp_path / "out", lab.photos / "ruler.jpg"
+    told = said("measure", lab.photos, "--ruler", ruler, "--log", lab.folder / "log.csv", "--jobs", 1,
+                "--output", out, "--overlays", 3, "--units", "us", "--json")  # fmt: skip
+    document = json.loads(told)
     assert document["ok"] == document["pictures"] == 9
     rows = table(out / "measurements.csv")
     assert [row["path"].rsplit("img")[-1] for row in rows] == [f"{k}.jpg" for k in range(1, 10)]
@@ -78,21 +69,21 @@ def test_a_stroke_becomes_a_table_with_force_and_what_a_person_checks(lab, tmp_p
 
 
 @pytest.mark.slow
-def test_a_bad_picture_is_code_3_and_another_scale_measures_again(lab, tmp_path, capsys):
+def test_a_bad_picture_is_code_3_and_another_scale_measures_again(lab, tmp_path, run):
     picture = tmp_path / "cloth.jpg"
     render(published_scene(0.1, size=SIZE), 3).save(tmp_path / "good.jpg")
     picture.write_bytes(b"\xff\xd8 no picture")
     px_per_in = lab.truth[0].px_per_m * IN
-    arguments = [tmp_path / "good.jpg", picture, "--output", tmp_path / "a", "--jobs", 1,
+    arguments = ["measure", tmp_path / "good.jpg", picture, "--output", tmp_path / "a", "--jobs", 1,
                  "--overlays", 0, "--units", "metric", "--scale"]  # fmt: skip
-    assert run(*arguments, f"{px_per_in}+-0.1 px/in") == 3
-    told = capsys.readouterr().out
+    code, told, _ = run(*arguments, f"{px_per_in}+-0.1 px/in")
+    assert code == 3
     assert "1 of 2 pictures measured" in told
     assert "UnreadableImage" in told
     good, bad = table(tmp_path / "a" / "measurements.csv")
     assert float(good["length_mm"]) == pytest.approx(9.28125 * 0.9 * 25.4, abs=0.3)
     assert (bad["ok"], bad["length_mm"]) == ("false", "")
-    assert run(*arguments, "60+-0.1 px/in") == 3
+    assert run(*arguments, "60+-0.1 px/in")[0] == 3
     assert float(table(tmp_path / "a" / "measurements.csv")[0]["px_per_mm"]) < 2.4
 
 
@@ -119,13 +110,11 @@ LOGGED = [*SCALED, "--log", "LOG", "--column"]
         ([*RULED, "--ruler-placement=-1mm"], "placement_stderr"),
     ],
 )
-def test_input_that_cannot_be_used_is_code_2_at_once(lab, tmp_path, capsys, arguments, match):
+def test_input_that_cannot_be_used_is_code_2_at_once(lab, tmp_path, refused, arguments, match):
     names = {"PHOTOS": lab.photos, "RULER": lab.photos / "ruler.jpg", "NO": tmp_path / "no.csv",
              "LOG": lab.folder / "log.csv"}  # fmt: skip
-    code = run(*(names.get(one, one) for one in arguments), "--output", tmp_path / "out")
-    told = capsys.readouterr().err
-    assert code == 2
-    assert any(part in told for part in match.split("|")), told
+    words = [names.get(one, one) for one in arguments]
+    refused(match, "measure", *words, "--output", tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 

@@ -18,15 +18,11 @@ from rendering.world import World
 
 RAY_PX = 1e-4  # table of 4097 radii, three steps, positions tried every 5e-5 px
 MARK_PART = 0.04  # of a pixel: 55 rays, the face's grain, the scale's change with the tilt
-SIZE = (500, 220)
-# Even light, no lens: what is left is geometry.
-GEOMETRY = Light(lamps=(), ambient=1.0, cloth=0.0, stray=0.0)
-SHARP = Lens(blur_px=0.0)
 
 
 def small(**changes):
     """A small published scene with another muscle."""
-    scene = published_scene(size=SIZE)
+    scene = published_scene(size=(500, 220))
     return dataclasses.replace(scene, muscle=dataclasses.replace(scene.muscle, **changes))
 
 
@@ -125,8 +121,10 @@ def test_point_spread_has_its_second_moment(lens, spread):
 )
 def test_marks_of_a_ruler_cover_the_pixels_that_the_truth_says(changes):
     wide = 0.02 * INCH
+    # Even light, no lens: what is left is geometry.
+    light, lens = Light(lamps=(), ambient=1.0, cloth=0.0, stray=0.0), Lens(blur_px=0.0)
     ruler = dataclasses.replace(
-        published_ruler(size=(1000, 300)), light=GEOMETRY, lens=SHARP, numbers=False,
+        published_ruler(size=(1000, 300)), light=light, lens=lens, numbers=False,
         mark_width=wide, ink=(0.0, 0.0, 0.0), **changes,
     )  # fmt: skip
     face = Ruler(ruler)

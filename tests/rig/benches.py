@@ -3,10 +3,8 @@
 import contextlib
 import time
 
-import pytest
 from faulty_channel import FaultyChannel
 
-from famjax.__main__ import main
 from rig.calibration import write_calibration
 from rig.channels import greet
 from rig.control import Control, Rig
@@ -230,13 +228,6 @@ proportional_counts_per_psi = 4
 integral_counts_per_psi_s = 2
 calibration = "calibration.toml"
 """
-
-
-def run(*words):
-    """The exit code of a command."""
-    with pytest.raises(SystemExit) as stop:
-        main(["rig", *map(str, words)])
-    return int(stop.value.code or 0)
 
 
 def write_plan(folder, **changes):

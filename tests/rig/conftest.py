@@ -1,9 +1,11 @@
 """The firmware's executions: Python always, C where there is a compiler, AVR where there is simavr."""
 
+import functools
 import shutil
 import sys
 from pathlib import Path
 
+import processes
 import pytest
 
 from rig.device import Device, firmware_folder
@@ -11,7 +13,7 @@ from rig.device import Device, firmware_folder
 sys.path.insert(0, str(Path(__file__).parent))  # the harness and the misbehaving host
 
 from avr import Avr, build_harness
-from benches import Bench, run, write_plan
+from benches import Bench, write_plan
 from native import NativeDevice, build_native
 
 
@@ -61,14 +63,15 @@ def avr(harness):
 
 
 @pytest.fixture
-def command(capsys):
+def command(run):
     """A command of `famjax rig`: its exit code, output and errors."""
-    return lambda *words: (run(*words), *capsys.readouterr())
+    return functools.partial(run, "rig")
 
 
 @pytest.fixture(scope="session")
 def simulated(tmp_path_factory):
     """The files of a simulated test of 40 and 80 psi."""
     folder = tmp_path_factory.mktemp("simulated")
-    assert run("simulate", write_plan(folder), "--output", folder / "out", "--seed", 4) == 0
+    made = "--output", folder / "out", "--seed", 4
+    processes.command("rig", "simulate", write_plan(folder), *made)
     return folder / "out"

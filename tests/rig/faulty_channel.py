@@ -14,7 +14,6 @@ class FaultyChannel(ByteChannel):
         self._chances, self._fault = (damage, drop), damage + drop + duplicate
         self._rng = np.random.default_rng(seed)
         self._until_fault = self._gap()
-        self.faulty = 0  # bytes damaged, dropped or doubled
 
     def send(self, data: bytes, now: float) -> None:
         """Put bytes in at a time [s], some of them faulty."""
@@ -31,7 +30,6 @@ class FaultyChannel(ByteChannel):
         while self._until_fault < len(data) - position:
             at = position + self._until_fault
             out += data[position:at] + self._faulty(data[at])
-            self.faulty += 1
             position = at + 1
             self._until_fault = self._gap()
         self._until_fault -= len(data) - position

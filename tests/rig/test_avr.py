@@ -4,7 +4,6 @@ import os
 
 import pytest
 from avr import GOOD_PRESSURE, hang_delay, lock_step, over_pressure_delay, silence_delay
-from benches import PSI
 from processes import needs, ran
 from session_fuzz import Fuzz
 
@@ -15,7 +14,6 @@ FIRMWARE = firmware_folder()
 PREBUILT_WITH = "5.4.0"  # avr-gcc of the hex file that ships
 PHASES = 24  # between two ticks, at which an event may fall
 TICK = 2e-3  # s
-HELD = 0.5 * PSI  # of the mean, in strokes at four times the reference work's rate
 STATIC_RAM_END = 0x0100 + 1580  # .data and .bss, as `avr-size` says
 
 

@@ -39,14 +39,9 @@ def sim(request, monkeypatch):
 
 
 @pytest.fixture
-def refused(command):
-    """A command that ends with 2, and a sentence."""
-
-    def check(sentence, *typed):
-        code, _, err = command(*typed)
-        assert (code, sentence in err) == (2, True), err
-
-    return check
+def refused(refused):
+    """A command of `famjax rig` that ends with 2, and a sentence."""
+    return lambda sentence, *typed: refused(sentence, "rig", *typed)
 
 
 def test_simulate_writes_all_that_a_fit_needs_and_the_same_again(simulated, tmp_path, command):

@@ -39,7 +39,8 @@ def whole(tmp_path_factory):
     return path
 
 
-def test_a_plan_holds_its_pressures_and_its_summary_says_so(whole):
+def test_a_plan_holds_its_pressures_and_summary_and_columns_say_so(whole, tmp_path):
+    """The columns have units, and one row for each record."""
     record = read_journal(whole)
     found, columns, rows = audit(record), table(record), summary(record)
     assert found.faults == []
@@ -56,6 +57,14 @@ def test_a_plan_holds_its_pressures_and_its_summary_says_so(whole):
         error = columns["pressure_Pa"][settled] - pressure
         assert row["rms_error_Pa"] == pytest.approx(np.sqrt(np.mean(error**2)), rel=0.1)
         assert (row["block"], row["strokes"], row["trips"], row["completed"]) == (block, 1, 0, True)
+    assert {values.shape for values in columns.values()} == {(len(record.rows),)}
+    assert (np.diff(columns["time_s"]) > 0).all()
+    back = np.genfromtxt(convert(whole, tmp_path / "run.csv"), delimiter=",", names=True)
+    for name, values in columns.items():
+        np.testing.assert_array_equal(back[name], values)
+    # The simulated clock gains 2000 ppm; a port sends at once what a tick of 2 ms carries, and the
+    # link looks every 4 ms.
+    assert np.abs(columns["time_s"] - columns["device_time_s"] / 1.002).max() < 4e-3
 
 
 @pytest.mark.parametrize(("column", "by"), [(4, 100), (5, 100), (7, 1), (8, 1)])
@@ -72,19 +81,6 @@ def test_an_audit_sees_an_edited_figure(whole, path, column, by):
     assert found.first_wrong == (0, int(fields[2]))
     wrong = f"records do not follow the control law, starting with record {fields[2]}"
     assert wrong in found.faults[0]
-
-
-def test_columns_have_units_and_one_row_for_each_record(whole, tmp_path):
-    record = read_journal(whole)
-    columns = table(record)
-    assert {values.shape for values in columns.values()} == {(len(record.rows),)}
-    assert (np.diff(columns["time_s"]) > 0).all()
-    back = np.genfromtxt(convert(whole, tmp_path / "run.csv"), delimiter=",", names=True)
-    for name, values in columns.items():
-        np.testing.assert_array_equal(back[name], values)
-    # The simulated clock gains 2000 ppm; a port sends at once what a tick of 2 ms carries, and the
-    # link looks every 4 ms.
-    assert np.abs(columns["time_s"] - columns["device_time_s"] / 1.002).max() < 4e-3
 
 
 def test_a_recording_that_was_cut_off_is_resumed_and_its_clock_may_begin_anew(whole, path):

@@ -24,12 +24,10 @@ from rig import cli as rig_cli
 
 
 @pytest.mark.slow
-def test_a_fit_as_a_table_and_as_json_and_what_is_assessed_of_it(run, force_map, tmp_path):
+def test_a_fit_as_a_table_and_as_json_and_what_is_assessed_of_it(said, force_map, tmp_path):
     asked = ("fit", force_map, "--order", 2, "--output", tmp_path / "o",
              "--specimen", "nominal_diameter_mm=20", "--bounds", "deadband_pressure_kPa=20")  # fmt: skip
-    code, out, _ = run(*asked, "--json", "--units", "us")
-    assert code == 0
-    fit = json.loads(out)
+    fit = json.loads(said(*asked, "--json", "--units", "us"))
     wanted = {"rmse_N", "max_error_N", "max_force_N", "n_points", "parameters",
               "coefficients_Pa", "stability_margin_Pa", "kkt_residual", "duality_gap",
               "constraint", "converged"}  # fmt: skip
@@ -39,16 +37,12 @@ def test_a_fit_as_a_table_and_as_json_and_what_is_assessed_of_it(run, force_map,
     assert fit["rmse_N"] < 0.01  # the map is rounded to 0.1 mN
     assert any("rest length was not given" in warning for warning in fit["warnings"])
     assert {p.name for p in (tmp_path / "o").iterdir()} == {"fit.json", "fit.png", "report.html"}
-    code, out, _ = run(*asked)
-    assert (code, len(out.splitlines()) <= 15) == (0, True)
-    code, out, _ = run(*asked, "--verbose")
-    assert code == 0
-    shown = ("Parameters", "note:", "written:")
+    assert len(said(*asked).splitlines()) <= 15
+    shown, out = ("Parameters", "note:", "written:"), said(*asked, "--verbose")
     assert all(needed in out for needed in shown)
     file = tmp_path / "o" / "fit.json"
     fitted = json.loads(file.read_text())
-    code, out, _ = run("assess", file, "--validate", "--profile", "--bootstrap", 8)
-    assert code == 0
+    out = said("assess", file, "--validate", "--profile", "--bootstrap", 8)
     for needed in (*shown, "Validation", "profile likelihood", "bootstrap with 8 replicates"):
         assert needed in out
     saved = json.loads(file.read_text())
@@ -59,27 +53,23 @@ def test_a_fit_as_a_table_and_as_json_and_what_is_assessed_of_it(run, force_map,
     assert datetime.datetime.fromisoformat(saved["origin"]["date"]).tzinfo is not None
     assert saved["origin"]["command"].startswith("famjax")
     assert saved["origin"]["date"] in (tmp_path / "o" / "report.html").read_text()
-    code, out, _ = run(
-        "predict", file, "--length", "280mm,300mm", "--pressure", "3bar", "--onset", "--json"
-    )
-    assert code == 0
-    rows = json.loads(out)
+    states = "--length", "280mm,300mm", "--pressure", "3bar"
+    rows = json.loads(said("predict", file, *states, "--onset", "--json"))
     muscle = load_fit(file).muscle
     assert rows[0]["force_N"] == pytest.approx(float(muscle.force(0.28, 3e5)), rel=1e-12)
     assert rows[0]["inside"]
     assert not rows[0]["slack"]
     assert rows[3]["onset_pressure_Pa"] == pytest.approx(20e3, rel=1e-6)  # at rest: the deadband
-    code, out, _ = run("predict", file, "--length", "0.2m", "--pressure", "300kPa")
-    assert code == 0
+    out = said("predict", file, "--length", "0.2m", "--pressure", "300kPa")
     assert "where inside is False" in out
-    code, out, _ = run("predict", file, "--length", "10in", "--pressure", "3bar", "--units", "us")
+    out = said("predict", file, "--length", "10in", "--pressure", "3bar", "--units", "us")
     assert "length in pressure psi force lbf" in " ".join(out.split())
 
 
 @pytest.mark.slow
-def test_the_picture_of_the_readme_is_that_of_its_command(run, tmp_path):
+def test_the_picture_of_the_readme_is_that_of_its_command(said, tmp_path):
     """A picture says its title in words; docs/fit.png is `famjax fit`'s, copied."""
-    assert run("fit", "--output", tmp_path)[0] == 0
+    said("fit", "--output", tmp_path)
     shown = Path(__file__).parents[3] / "docs" / "fit.png"
     found, expected = (Image.open(path).text["Title"] for path in (shown, tmp_path / "fit.png"))
     assert found == expected
@@ -221,11 +211,9 @@ def test_a_reader_that_has_left_is_no_error():
 
 
 @pytest.mark.slow
-def test_the_shape_of_a_bundled_muscle(run, tmp_path):
+def test_the_shape_of_a_bundled_muscle(said, run, tmp_path):
     asked = ("shape", "DMSP-20", "--pressure", "500kPa", "-o", tmp_path / "shape")
-    code, out, _ = run(*asked, "--length", "270mm", "--json")
-    assert code == 0
-    found = json.loads(out)
+    found = json.loads(said(*asked, "--length", "270mm", "--json"))
     assert 200 < found["force_N"] < 1600
     names = (tmp_path / "shape/shape.csv").read_text().partition("\n")[0].split(",")
     assert {"position_mm", "diameter_mm", "braid_angle_deg", "thread_tension_N"} <= {*names}
@@ -242,12 +230,11 @@ def required(*words: str) -> list[str]:
 
 
 @pytest.mark.slow
-def test_files_of_a_design_search(run, tmp_path):
-    code, out, _ = run(
+def test_files_of_a_design_search(said, tmp_path):
+    out = said(
         "design", *required("pressure_psi=100", "force_lbf=400", "stroke_in=2", "longest_length_in=18"),
         "--units", "us", "--search", "2e3", "--vary", "pressure_psi=40:100", "--json", "--output", tmp_path,
     )  # fmt: skip
-    assert code == 0
     document = json.loads(out)
     assert json.loads((tmp_path / "design.json").read_text()) == document
     assert document["origin"]["command"].startswith("famjax")

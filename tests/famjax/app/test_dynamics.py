@@ -43,13 +43,11 @@ set_pressure_kPa = 200
 
 
 @pytest.mark.slow
-def test_a_bundled_muscle_lifts_a_mass(run, tmp_path):
+def test_a_bundled_muscle_lifts_a_mass(said, tmp_path):
     plan = tmp_path / "plan.toml"
     plan.write_text(LIFT)
-    asked = ("simulate", "DMSP-20", plan, "-o", tmp_path / "out")
-    code, out, _ = run(*asked, "--json")
-    assert code == 0
-    first, second = json.loads(out)["steps"]
+    told = said("simulate", "DMSP-20", plan, "-o", tmp_path / "out", "--json")
+    first, second = json.loads(told)["steps"]
     assert first["pressure_Pa"] == pytest.approx(300e3, rel=0.06)
     assert first["force_N"] == pytest.approx(20 * 9.80665, rel=0.02)
     assert second["length_m"] > first["length_m"]
@@ -60,7 +58,7 @@ def test_a_bundled_muscle_lifts_a_mass(run, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
+    ("old", "new", "words"),
     [
         ('"air"', '"oil"', "fluid must be 'air' or 'water', got 'oil'"),
         ("supply_kPa = 700", "supply_kPa = -7", "supply must be finite and at least 0 Pa"),
@@ -74,12 +72,10 @@ def test_a_bundled_muscle_lifts_a_mass(run, tmp_path):
         ("set_pressure_kPa = 200", "set_pressure_kPa = 200\nvalve = 1", "[[step]] 2: unknown key"),
     ],
 )
-def test_a_plan_that_cannot_be_is_refused_in_a_sentence(old, new, said, run, tmp_path):
+def test_a_plan_that_cannot_be_is_refused_in_a_sentence(old, new, words, refused, tmp_path):
     plan = tmp_path / "plan.toml"
     plan.write_text(LIFT.replace(old, new))
-    code, _, err = run("simulate", "DMSP-20", plan, "-o", tmp_path / "out")
-    assert code == 2
-    assert said in err
+    refused(words, "simulate", "DMSP-20", plan, "-o", tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
@@ -126,15 +122,12 @@ def test_a_duty_that_cannot_be_done_is_refused(change):
 
 
 def test_the_text_of_a_plan_keeps_all_but_its_gains(tmp_path):
-    gains = {
-        "proportional_counts_per_psi": 12.345678,
-        "integral_counts_per_psi_s": 40.0,
-        "rise_s": 1.25,
-    }
+    rounded = {"proportional_counts_per_psi": 12.35, "integral_counts_per_psi_s": 40.0}
+    gains = rounded | {"proportional_counts_per_psi": 12.345678, "rise_s": 1.25}
     found = tuned_text(PLAN, gains)
     before, after = tomllib.loads(PLAN), tomllib.loads(found)
     before["plan"]["rise_s"] = 1.25
-    before["rig"] |= {"proportional_counts_per_psi": 12.35, "integral_counts_per_psi_s": 40.0}
+    before["rig"] |= rounded
     assert after == before
     assert "# of a colleague" in found
     assert tuned_text(found, gains) == found
@@ -155,29 +148,22 @@ def test_a_step_test_is_small_and_below_its_own_limit(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("fluid", ["air", "water"])
-def test_a_rig_is_tuned_from_its_step_test(run, tmp_path, fluid):
+def test_a_rig_is_tuned_from_its_step_test(said, refused, tmp_path, fluid):
     plan, journal = tmp_path / "plan.toml", tmp_path / "step" / "test.fam"
     plan.write_text(PLAN.replace("water", fluid))
-    assert run("rig", "step", plan, "--simulate", "-o", journal.parent)[0] == 0
+    said("rig", "step", plan, "--simulate", "-o", journal.parent)
     asked = ("rig", "tune", journal, "--plan", plan, "-o", tmp_path / "tuned.toml")
-    code, out, _ = run(*asked)
-    assert code == 0
-    assert "written:" in out
+    assert "written:" in said(*asked)
     assert read_plan(tmp_path / "tuned.toml").plan.rise > 0
     other = tmp_path / "other.toml"
     other.write_text(PLAN.replace("water", "air" if fluid == "water" else "water"))
-    wrong = (*asked[:3], "--plan", other, "-o", tmp_path / "new.toml")
-    for words, said in (
-        (asked, "exists"), ((*asked, "--simulate"), "use either a journal"),
-        (wrong, "but the plan describes"),
-    ):  # fmt: skip
-        code, _, err = run(*words)
-        assert code == 2
-        assert said in err
+    refused("exists", *asked)
+    refused("use either a journal", *asked, "--simulate")
+    new = "--plan", other, "-o", tmp_path / "new.toml"
+    refused("but the plan describes", *asked[:3], *new)
 
 
 GAINS = {"air": Control.per_psi(4, 2), "water": Control.per_psi(0, 5)}  # table 3.2, 7/8 in
-LIMIT = 115 * PSI
 
 
 def test_the_bytes_do_not_depend_on_the_steps():
@@ -208,17 +194,13 @@ def whole_test(folder: Path, fluid: str, pressures: tuple[float, ...], **options
         tuple(p * PSI for p in pressures), cycles=1, stroke=options.pop("stroke", 3.4 * INCH),
         rate=options.pop("rate", 0.04 * INCH), settle=5.0,
     )  # fmt: skip
-    return simulate(PlanFile(plan, fluid, LIMIT, GAINS[fluid]), folder, **options)
-
-
-@pytest.fixture(scope="module")
-def air(tmp_path_factory: pytest.TempPathFactory) -> SimulatedTest:
-    return whole_test(tmp_path_factory.mktemp("air"), "air", (30, 70), rate=0.06 * INCH, seed=3)
+    return simulate(PlanFile(plan, fluid, 115 * PSI, GAINS[fluid]), folder, **options)
 
 
 @pytest.mark.slow
-def test_a_whole_test_finds_the_muscle_that_was_simulated(air):
+def test_a_whole_test_finds_the_muscle_that_was_simulated(tmp_path):
     muscle = LinearMcKibben()
+    air = whole_test(tmp_path, "air", (30, 70), rate=0.06 * INCH, seed=3)
     for bar in air.analysis.characterisation.isobars:
         truth = np.asarray(muscle.force(bar.length, bar.set_pressure))
         inner = slice(8, -3)  # beyond the pressure's dip at the turn
@@ -230,10 +212,7 @@ def test_a_whole_test_finds_the_muscle_that_was_simulated(air):
         assert bar.blocked_force == pytest.approx(blocked, rel=0.03)
         free = float(muscle.free_contraction(bar.set_pressure))
         assert bar.free_contraction == pytest.approx(free, abs=0.003)
-
-
-@pytest.mark.slow
-def test_its_journal_is_sound_and_its_dataset_is_read_by_a_fit(air):
+    # Its journal is sound, and its dataset is read by a fit.
     found = audit(read_journal(air.paths[0]))
     assert found.sound
     assert found.checked == found.equal > 10_000
@@ -268,17 +247,15 @@ integral_counts_per_psi_s = 2
 
 
 @pytest.mark.slow
-def test_a_fit_of_the_dataset_returns_the_fit_that_was_simulated(run, tmp_path):
+def test_a_fit_of_the_dataset_returns_the_fit_that_was_simulated(said, tmp_path):
     """Within three of its own standard errors; the forces within 1.6 N of the truth's."""
     plan, folders = tmp_path / "plan.toml", (tmp_path / "truth", tmp_path / "found")
     plan.write_text(STAIRS)
     simulated = "--fit", folders[0] / "fit.json", "--seed", 0, "--output", folders[1]
-    for words in (
-        ("fit", "DMSP-20-300", "--law", "polynomial", "--order", 2, "--output", folders[0]),
-        ("rig", "simulate", plan, *simulated),
-        ("fit", folders[1] / "dataset.csv", "--law", "polynomial", "--order", 2, "--output", folders[1]),
-    ):  # fmt: skip
-        assert run(*words)[0] == 0
+    law = "--law", "polynomial", "--order", 2, "--output"
+    said("fit", "DMSP-20-300", *law, folders[0])
+    said("rig", "simulate", plan, *simulated)
+    said("fit", folders[1] / "dataset.csv", *law, folders[1])
     truth, found = (json.loads((one / "fit.json").read_text()) for one in folders)
     truth, found = (one["parameters"] | one["derived"] for one in (truth, found))
     for name in ("thread_length", "deadband_pressure", "E_1", "E_2"):
@@ -286,7 +263,6 @@ def test_a_fit_of_the_dataset_returns_the_fit_that_was_simulated(run, tmp_path):
         assert abs(error) < 3 * found[name]["stderr"], name
     data = read_csv(folders[1] / "dataset.csv")
     assert np.unique(data.pressures.level).size == 5
-    one, other = (
-        load_fit(one / "fit.json").muscle.force(data.length, data.pressure) for one in folders
-    )
+    muscles = [load_fit(folder / "fit.json").muscle for folder in folders]
+    one, other = (muscle.force(data.length, data.pressure) for muscle in muscles)
     assert np.sqrt(np.mean(np.square(one - other))) < 1.6

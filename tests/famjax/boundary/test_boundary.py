@@ -29,15 +29,11 @@ from famjax.compilation_cache import cache_root
 @pytest.mark.parametrize(("kind", "unit"), [(k, u) for k, units in UNITS.items() for u in units])
 def test_multipliers_are_those_of_pint(kind, unit):
     si = of_units.si_unit(kind)
-    registry = pint.get_application_registry()
-    unit_there, si_there = (
-        re.sub(r"([a-z])3$", r"\1**3", u.replace("_per_", "/")) for u in (unit, si)
-    )
-    expected = registry.Quantity(1.0, unit_there).to(si_there).magnitude
-    assert of_units.factor(unit, kind) == pytest.approx(expected, rel=1e-14)
-    assert of_units.from_si(of_units.to_si(3.0, unit, kind), unit, kind) == pytest.approx(
-        3.0, rel=1e-15
-    )
+    one, other = (re.sub(r"([a-z])3$", r"\1**3", u.replace("_per_", "/")) for u in (unit, si))
+    expected = pint.get_application_registry().Quantity(1.0, one).to(other)
+    assert of_units.factor(unit, kind) == pytest.approx(expected.magnitude, rel=1e-14)
+    back = of_units.from_si(of_units.to_si(3.0, unit, kind), unit, kind)
+    assert back == pytest.approx(3.0, rel=1e-15)
 
 
 INNER = Sentence("the length ", Quantity(0.25, "length"))
@@ -107,13 +103,10 @@ def test_what_is_written_is_read_back_to_the_same_bits(plain, table):
     assert repr(tomllib.loads(toml_text(entries))) == repr(entries)
 
 
-@pytest.mark.parametrize(
-    "part",
-    [
-        Outer(0.1),
-        Outer(0.3, (0.1, 0.7), (1e-3, 2.0), 4, "water", "b", None, Inner(1 / 3)),
-    ],
-)  # fmt: skip
+EVERY = Outer(0.3, (0.1, 0.7), (1e-3, 2.0), 4, "water", "b", None, Inner(1 / 3))
+
+
+@pytest.mark.parametrize("part", [Outer(0.1), EVERY])
 def test_a_dataclass_comes_back_from_its_entries(part):
     entries = to_entries(part, FORM)
     assert from_entries(Outer, tomllib.loads(toml_text(entries)), FORM) == part
@@ -203,9 +196,8 @@ def shown(monkeypatch: pytest.MonkeyPatch, *, terminal: bool, patience: float) -
     """What a work of two parts shows on standard error."""
     monkeypatch.setattr(console, "_PATIENCE", patience)
     file = io.StringIO()
-    monkeypatch.setattr(
-        console, "Console", lambda **_: Console(file=file, force_terminal=terminal, width=100)
-    )
+    made = Console(file=file, force_terminal=terminal, width=100)
+    monkeypatch.setattr(console, "Console", lambda **_: made)
     with console.progress("fitting") as show:
         show(1, 4)
         time.sleep(0.1)
@@ -214,14 +206,11 @@ def shown(monkeypatch: pytest.MonkeyPatch, *, terminal: bool, patience: float) -
     return file.getvalue()
 
 
-def test_a_terminal_has_a_bar_of_each_part(monkeypatch):
+def test_a_terminal_has_a_bar_of_each_part_and_short_work_and_logs_have_none(monkeypatch):
     text = shown(monkeypatch, terminal=True, patience=0.0)
     assert "leaving out" in text
     assert "1/9" in text
     assert "-:--:--" in text  # the time left
-
-
-def test_short_work_and_logs_have_none(monkeypatch):
     assert shown(monkeypatch, terminal=True, patience=60.0) == ""
     assert shown(monkeypatch, terminal=False, patience=0.0).strip() == ""
 

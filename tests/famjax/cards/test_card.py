@@ -217,12 +217,10 @@ def force(muscle: famjax.Muscle) -> jax.Array:
     return muscle.force(known.L0 * np.array([0.99, 0.8]), P)
 
 
-@pytest.mark.parametrize(
-    "name",
-    slow_after(
-        len(MUSCLES) - 2, sorted(MUSCLES, key=lambda one: one in ("photographed", "average"))
-    ),
-)
+LAST = sorted(MUSCLES, key=lambda one: one in ("photographed", "average"))
+
+
+@pytest.mark.parametrize("name", slow_after(len(MUSCLES) - 2, LAST))
 def test_a_muscle_comes_back_to_the_last_bit(name, caplog):
     muscle = muscle_named(name)
     pull = force(muscle)

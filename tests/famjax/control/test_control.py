@@ -14,7 +14,6 @@ import famjax
 from famjax.control import AbstractPath, Antagonist, Outcome, Pulley, pressure_for_force
 
 HIGH = 6e5
-ROUND_TRIP = 1e-6  # Pa
 
 
 def test_round_trip(festo):
@@ -24,7 +23,7 @@ def test_round_trip(festo):
     taut = F >= 0
     assert taut.sum() > 40
     off = np.asarray(found.pressure) - P
-    np.testing.assert_allclose(off[taut], 0, atol=ROUND_TRIP)
+    np.testing.assert_allclose(off[taut], 0, atol=1e-6)  # Pa
     assert not np.any(np.asarray(found.code)[taut])
     assert (np.asarray(found.code)[~taut] == Outcome.FORCE_LOW).all()
 

@@ -128,7 +128,7 @@ def test_table_2_3(name, diameter, printed):
     assert not printed or abs(angle - float(printed)) < LAST_DIGIT
 
 
-def test_the_braid_jams_at_its_largest_diameter_and_not_before():
+def test_a_combination_jams_at_its_largest_diameter_and_pulls_as_its_muscle():
     combination = the_7_8_in()
     greatest = combination.jam_contraction
     wide = combination.outer_diameter(greatest) - 2 * combination.braid_thickness
@@ -139,10 +139,7 @@ def test_the_braid_jams_at_its_largest_diameter_and_not_before():
     assert combination.usable_contraction(1000 * PSI) == greatest
     assert np.isnan(combination.outer_diameter(greatest + 1e-6))
     assert np.isnan(combination.force(greatest + 1e-6, 100 * PSI))
-
-
-def test_force_with_a_bladder_is_the_muscles():
-    combination = the_7_8_in()
+    # Its force with a bladder is the muscle's.
     muscle = combination.muscle
     assert isinstance(muscle, Muscle)
     length = combination.rest_length * (1 - 0.2)
@@ -159,20 +156,16 @@ THIN, WALL = 0.011, 0.0625  # in, the 7/8 in muscle's
 
 def test_fitting_diameters_come_within_a_thousandth_of_the_published_ones():
     bore = famjax.design.swaged_bore(1.0, 0.058, 0.027)
-    assert abs(famjax.design.fitting_diameter_on_braid(bore, THIN, 0.17) - 0.838) < THOUSANDTH
-    assert (
-        abs(famjax.design.fitting_diameter_on_bladder(bore, THIN, WALL, 0.30) - 0.748) < THOUSANDTH
-    )
+    on_braid = famjax.design.fitting_diameter_on_braid(bore, THIN, 0.17)
+    on_bladder = famjax.design.fitting_diameter_on_bladder(bore, THIN, WALL, 0.30)
+    assert (on_braid, on_bladder) == pytest.approx((0.838, 0.748), abs=THOUSANDTH)
 
 
 def test_only_a_tube_of_0p058_in_or_more_lets_the_fitting_into_the_bore():
     catalogue = load_catalogue()
     wide = [one for one in catalogue.bladders if one.diameter == pytest.approx(0.875 * INCH)]
-    found = [
-        f
-        for one in wide
-        for f in famjax.design.size_end_fittings(catalogue, catalogue.braids[1], one)
-    ]
+    sized = (famjax.design.size_end_fittings(catalogue, catalogue.braids[1], one) for one in wide)
+    found = [*itertools.chain.from_iterable(sized)]
     assert len(found) == 4 * 3
     fits = [(f.tube.thickness / INCH, f.bladder.thickness / INCH) for f in found if f.feasible]
     np.testing.assert_allclose(fits, [(0.058, 0.0625), (0.065, 0.0625)])

@@ -13,6 +13,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from muscles import FESTO
 
 import famjax
 from famjax import Real
@@ -247,11 +248,7 @@ def _dumped(time: np.ndarray, end: float) -> np.ndarray:
 
 def cubic_card() -> MuscleCard:
     """The card of a muscle like the DMSP-20 with a cubic law, of which E_1 is a coefficient."""
-    braid = famjax.Braid.from_rest(diameter=23e-3, braid_angle=1.082, length=0.296)
-    bladder = famjax.Bladder(0.296, 23e-3, 1.8e-3, embedded=True)
-    law = famjax.PolynomialMaterial([5.9e6, -19.0e6, 25.8e6])
-    muscle = famjax.Muscle(famjax.EstimatedGeometry(braid, bladder), law, 40e3)
-    mounted = famjax.MountedMuscle(muscle, jnp.asarray(0.0))
+    mounted = famjax.MountedMuscle(FESTO, jnp.asarray(0.0))
     return MuscleCard("Test-20", (mounted,), np.ones(1), Region([0.225, 0.3], [0.0, 6e5]))
 
 

@@ -77,25 +77,23 @@ STATE = ("--length", "230mm", "--pressure", "5bar")
 
 
 @pytest.mark.slow
-def test_the_export_of_a_fit_names_its_file(run, tmp_path):
-    assert run("fit", "DMSP-10-250", "--order", "2", "--output", tmp_path / "fit")[0] == 0
-    assert run("export", tmp_path / "fit" / "fit.json", "--to", "c", "-o", tmp_path / "c")[0] == 0
+def test_the_export_of_a_fit_names_its_file(said, tmp_path):
+    said("fit", "DMSP-10-250", "--order", "2", "--output", tmp_path / "fit")
+    said("export", tmp_path / "fit" / "fit.json", "--to", "c", "-o", tmp_path / "c")
     (head,) = (tmp_path / "c").glob("*.h")
     assert "of fit.json, sha256 " in head.read_text()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["DMSP-10", "dmsp_10", "dmsp-10-250", "DMSP-10-250"])
-def test_every_name_is_known_everywhere(run, tmp_path, name):
+def test_every_name_is_known_everywhere(said, tmp_path, name):
     assert fitting.load_bundled(name).specimen.name == "DMSP-10-250"
     assert famjax.muscles.bundled_card(name).name == famjax.muscles.bundled_card("DMSP-10").name
-    code, out, _ = run("predict", name, *STATE, "--json")
-    (row,) = json.loads(out)
-    assert (code, row["inside"]) == (0, True)
+    (row,) = json.loads(said("predict", name, *STATE, "--json"))
+    assert row["inside"]
     expected = float(famjax.muscles.dmsp_10().force(0.23, 5e5))
     assert row["force_N"] == pytest.approx(expected, rel=1e-12)
-    code, out, _ = run("export", name, "--to", "csv", "-o", tmp_path)
-    assert (code, "dmsp_10" in out) == (0, True)
+    assert "dmsp_10" in said("export", name, "--to", "csv", "-o", tmp_path)
 
 
 @pytest.mark.slow
@@ -119,18 +117,13 @@ def test_what_was_not_identified_says_so_wherever_it_is_used(run, dmsp10, tmp_pa
 
 
 @pytest.mark.slow
-def test_a_law_of_ones_own_is_assessed_by_other_processes(run, tmp_path, monkeypatch):
+def test_a_law_of_ones_own_is_assessed_by_other_processes(said, tmp_path, monkeypatch):
     monkeypatch.chdir(EXAMPLES)
     monkeypatch.syspath_prepend(EXAMPLES)
-
-    def found(*words: object) -> dict:
-        code, out, _ = run(*words, "--json")
-        assert code == 0
-        return json.loads(out)
-
-    fitted = found("fit", "DMSP-20-300", "--law", "own_law:Gent", "--output", tmp_path)
-    asked = ("assess", tmp_path / "fit.json", "--own", "own_law", "--bootstrap", 260)
-    one, other = found(*asked), found(*asked, "--jobs", 2)
+    fit = "fit", "DMSP-20-300", "--law", "own_law:Gent", "--output", tmp_path
+    asked = "assess", tmp_path / "fit.json", "--own", "own_law", "--bootstrap", 260
+    every = fit, asked, (*asked, "--jobs", 2)
+    fitted, one, other = (json.loads(said(*words, "--json")) for words in every)
     drawn = one["bootstrap"]
     assert drawn["replicates"] + drawn["failed"] == 260  # two chunks
     assert drawn == other["bootstrap"]

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from maps import known_muscle
 from processes import command
 
 import famjax
@@ -22,10 +23,7 @@ PRESSURES = (0.0, 4e5, TOP, 4e5, 5e5, 4e5)  # fill, vent, and a minor loop
 
 
 def _muscle() -> famjax.Muscle:
-    braid = famjax.Braid.from_rest(diameter=0.022, braid_angle=1.13, length=REST)
-    bladder = famjax.Bladder(REST, 0.022, 0.002, embedded=True)
-    law = famjax.PolynomialMaterial([3e6, -2e6])
-    return famjax.Muscle(famjax.EstimatedGeometry(braid, bladder), law, 2e4)
+    return known_muscle(famjax.PolynomialMaterial([3e6, -2e6]), 2e4)
 
 
 @pytest.fixture(scope="module")
@@ -69,13 +67,12 @@ def test_the_fit_holds_the_hysteresis(fitted):
     assert load_fit(fitted / "fit.json").outlook.hysteresis is not None
 
 
-def test_both_branches_are_predicted(run, fitted, tmp_path):
+def test_both_branches_are_predicted(said, fitted, tmp_path):
     path = tmp_path / "history.csv"
     rows = [f"{k},270,{P / 1e3}" for k, P in enumerate(PRESSURES)]
     path.write_text("\n".join(["time_s,length_mm,pressure_kPa", *rows]) + "\n")
-    code, out, _ = run("predict", fitted / "fit.json", "--history", path, "--json")
-    assert code == 0
-    got = json.loads(out)
+    asked = "predict", fitted / "fit.json", "--history", path
+    got = json.loads(said(*asked, "--json"))
     force, static = (np.array([row[key] for row in got]) for key in ("force_N", "static_force_N"))
     assert [row["time_s"] for row in got] == [0, 1, 2, 3, 4, 5]
     L, P = np.full(6, 0.27), np.array(PRESSURES)  # a length between those of the records
@@ -84,13 +81,12 @@ def test_both_branches_are_predicted(run, fitted, tmp_path):
     assert (force[3] - force[1]) / 2 == pytest.approx((true[3] - true[1]) / 2, rel=0.1)
     assert (force[3] + force[1]) / 2 == pytest.approx(static[1], rel=1e-3)
     assert force[5] == pytest.approx(force[3], rel=1e-9)  # the minor loop leaves no trace
-    code, out, _ = run("predict", fitted / "fit.json", "--history", path)
-    assert code == 0
-    assert "Force along the history" in out
-    assert "the force of a slack muscle is zero" in out
-    table = " ".join(out.split())
-    assert "length mm pressure kPa force N static force N hysteresis N" in table
-    assert "270 400" in table
+    table = " ".join(said(*asked).split())
+    for words in (
+        "Force along the history", "the force of a slack muscle is zero", "270 400",
+        "length mm pressure kPa force N static force N hysteresis N",
+    ):  # fmt: skip
+        assert words in table
 
 
 def test_the_band_holds_the_error_of_the_hysteresis(fitted):

@@ -50,13 +50,8 @@ def _staircase(length: float, *, seed: int = 0, noise: float = NOISE) -> RampRec
     if noise:
         F = F + noise * random.standard_normal(t.size)
         P = P + 350 * random.standard_normal(t.size)
-    return RampRecord(
-        force=np.maximum(F, CLAMP),
-        pressure=P + ZERO,
-        time=np.round(t, 2),  # stamps repeat
-        length=length,
-        source=f"staircase {seed}",
-    )
+    stamps = np.round(t, 2)  # they repeat
+    return RampRecord(np.maximum(F, CLAMP), P + ZERO, stamps, length, f"staircase {seed}")
 
 
 def _ramp(length: float, *, seed: int = 0, noise: float = NOISE) -> RampRecord:
@@ -64,13 +59,9 @@ def _ramp(length: float, *, seed: int = 0, noise: float = NOISE) -> RampRecord:
     t = np.arange(0, 42, 2e-3)
     P = TOP * np.clip(np.minimum(t - 1, 41 - t) / 20, 0, 1)
     F = _static(P, length) + np.where(t < 21, -1, 1) * _half_width(P)
-    return RampRecord(
-        force=np.maximum(F + noise * random.standard_normal(t.size), CLAMP),
-        pressure=P + ZERO + 350 * (noise > 0) * random.standard_normal(t.size),
-        time=t,
-        length=length,
-        source=f"ramp {seed}",
-    )
+    F = np.maximum(F + noise * random.standard_normal(t.size), CLAMP)
+    P = P + ZERO + 350 * (noise > 0) * random.standard_normal(t.size)
+    return RampRecord(F, P, t, length, f"ramp {seed}")
 
 
 @pytest.fixture(scope="module")

@@ -113,9 +113,7 @@ def test_a_stamp_has_the_digits_that_the_camera_writes(tmp_path):
     assert whole == Timestamp(1614834367.0, 1.0)
     fine = read_timestamp(stamped(tmp_path / "b.jpg", "2021:03:04 05:06:07", "250"))
     assert fine == Timestamp(1614834367.25, pytest.approx(1e-3))
-
-
-def test_a_picture_without_a_clock_has_no_stamp(tmp_path):
+    # A picture without a clock has no stamp.
     assert read_timestamp(stamped(tmp_path / "a.jpg", "0000:00:00 00:00:00")) is None
     Image.new("RGB", (8, 8)).save(tmp_path / "b.jpg")
     assert read_timestamp(tmp_path / "b.jpg") is None
@@ -128,8 +126,7 @@ def test_the_tone_of_a_rendered_sensor_is_that_of_the_standard():
     np.testing.assert_allclose(CameraSensor().tone().table, Tone.srgb().table, atol=1e-4)
 
 
-CLASSES = [kind for kind in vars(errors).values() if isinstance(kind, type)]
-KINDS = [kind for kind in CLASSES if issubclass(kind, ImagingError)]
+KINDS = [k for k in vars(errors).values() if isinstance(k, type) and issubclass(k, ImagingError)]
 
 
 @pytest.mark.parametrize("kind", KINDS)

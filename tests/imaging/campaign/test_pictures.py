@@ -46,17 +46,6 @@ def test_a_scale_that_a_known_size_contradicts_is_refused_by_its_name(rest, diam
         check_known_sizes(table(3, 1), rest, diameter)
 
 
-RED, YELLOW, CYAN = (255, 40, 40), (255, 220, 0), (0, 230, 230)
-
-
-def trace():
-    rows = np.arange(20.0, 181.0)
-    bulge = 10 * np.sin(np.pi * (rows - 20) / 160)
-    across = np.linspace(40, 80, 30)
-    ends = [np.stack([across, np.full(30, v)]) for v in (20.0, 180.0)]
-    return Trace(rows, 40 - bulge, 80 + bulge, *ends, turned=False)
-
-
 def marked(image, colour):
     """v and u of the pixels of a colour, a third as bright or more: lines fade at their sides."""
     pixels, wanted = image.astype(float), np.array(colour, float)
@@ -66,13 +55,17 @@ def marked(image, colour):
 
 
 def test_lines_lie_where_the_edges_were_found():
-    drawn = draw_overlay(np.zeros((200, 120, 3), np.uint8), trace())
-    v, u = marked(drawn, RED)
-    side = np.where(u < 60, 40 - 10 * np.sin(np.pi * (v - 20) / 160),
-                    80 + 10 * np.sin(np.pi * (v - 20) / 160))  # fmt: skip
+    def bulge(rows):
+        return 10 * np.sin(np.pi * (rows - 20) / 160)
+
+    rows, across = np.arange(20.0, 181.0), np.linspace(40, 80, 30)
+    ends = [np.stack([across, np.full(30, v)]) for v in (20.0, 180.0)]
+    trace = Trace(rows, 40 - bulge(rows), 80 + bulge(rows), *ends, turned=False)
+    drawn = draw_overlay(np.zeros((200, 120, 3), np.uint8), trace)
+    v, u = marked(drawn, (255, 40, 40))
     assert len(v) > 150
-    assert np.abs(u - side).max() < 1.1
-    v, u = marked(drawn, YELLOW)
+    assert np.abs(u - np.where(u < 60, 40 - bulge(v), 80 + bulge(v))).max() < 1.1
+    v, u = marked(drawn, (255, 220, 0))
     assert set(v) == {20, 180}
-    v, u = marked(drawn, CYAN)
+    v, u = marked(drawn, (0, 230, 230))
     assert set(u) == {60}

@@ -10,10 +10,6 @@ from imaging.edge import defocused_step, limb_strength, ramp, step
 from imaging.ends import on_cylinder
 from imaging.outline import find_outline, smooth
 
-LIMB = 2e-4  # interpolation in a table of 4001 values
-DISK = 5e-3  # six nodes for a disk five times as wide as the Gaussian
-DISK_PX = 0.06  # an edge under a disk of defocus; a Gaussian alone errs by up to 0.4 px
-SHIFT_PX = 2e-3  # parabola through a maximum sampled at 0.1 px
 NOISY_PX = 0.05  # the same with the noise of ISO 3200, after smoothing
 HARSH_PX = 0.12  # a limb as dark as a twelfth of the middle is a step of 4 levels of noise
 
@@ -31,7 +27,7 @@ def test_the_ramp_is_a_blurred_root(t, blur):
         return np.sqrt(x) * (1 - x / (4 * R)) * normal((t - x) / blur) / blur
 
     expected, _ = quad(integrand, 0, max(t, 0) + 9 * blur, limit=200, epsabs=1e-10)
-    assert ramp(t, blur, R) == pytest.approx(expected, abs=LIMB)
+    assert ramp(t, blur, R) == pytest.approx(expected, abs=2e-4)  # in a table of 4001 values
 
 
 @pytest.mark.parametrize("disk", [0.05, 0.4, edge.LARGEST_DISK])
@@ -44,7 +40,8 @@ def test_a_defocused_step_is_a_step_under_a_semicircle(t, disk):
         return 2 / np.pi * np.cos(angle) ** 2 * step(t - radius * np.sin(angle), gaussian)
 
     expected, _ = quad(integrand, -np.pi / 2, np.pi / 2, epsabs=1e-10)
-    assert defocused_step(t, blur, disk) == pytest.approx(expected, abs=DISK)
+    # Six nodes for a disk five times as wide as the Gaussian.
+    assert defocused_step(t, blur, disk) == pytest.approx(expected, abs=5e-3)
     assert defocused_step(t, blur, 0.0) == pytest.approx(step(t, blur), abs=1e-12)
 
 
@@ -58,7 +55,7 @@ def test_a_manufactured_shift_is_found(blur):
 
     windows = 7 + 3 * np.stack([shape(t - shift) for shift in shifts])
     found = edge.best_shift(windows, t, shape, 2.0, 0.1)
-    np.testing.assert_allclose(found, shifts, atol=SHIFT_PX)
+    np.testing.assert_allclose(found, shifts, atol=2e-3)  # px: a maximum sampled at 0.1 px
 
 
 def test_the_smoothers_variance_is_that_of_repeats():
@@ -114,8 +111,7 @@ def table(limb):
 @pytest.mark.parametrize("blur", [0.7, 2.0])
 def test_a_smooth_cylinder_in_any_light(limb, blur):
     image, left, right = cylinder(limb, blur, noise=True)
-    rows = np.arange(300)
-    found = find_outline(image, table(limb), rows, left + 4, right - 5, resolution=83.0)
+    found = find_outline(image, table(limb), np.arange(300), left + 4, right - 5, resolution=83.0)
     box = np.sqrt(blur**2 + 1 / 12)  # a pixel averages over its width
     assert found.edge.blur == pytest.approx(box, rel=0.12)
     for side, true, inward in ((found.left, left, 1), (found.right, right, -1)):
@@ -132,16 +128,14 @@ def test_a_lens_out_of_focus_moves_no_edge(disk, limb):
     found = find_outline(image, table(limb), np.arange(300), left + 3, right - 4, resolution=83.0)
     assert found.edge.blur == pytest.approx(np.sqrt(0.5**2 + disk**2 / 4 + 1 / 12), rel=0.05)
     for side, true, inward in ((found.left, left, 1), (found.right, right, -1)):
-        assert abs(np.mean(inward * (side.column - true))) < DISK_PX
+        assert abs(np.mean(inward * (side.column - true))) < 0.06  # px; a Gaussian alone: 0.4
 
 
 def test_black_threads_leave_no_dents():
     image, left, right = cylinder(0.8, 1.0, noise=True)
-    image = image.copy()
     for v in (60, 150, 151, 240):
         image[v : v + 14, :60] = np.minimum(image[v : v + 14, :60], 40)
-    rows = np.arange(300)
-    found = find_outline(image, table(0.8), rows, left + 2, right - 2, resolution=83.0)
+    found = find_outline(image, table(0.8), np.arange(300), left + 2, right - 2, resolution=83.0)
     assert np.abs(found.left.column - left).max() < 0.5
 
 
