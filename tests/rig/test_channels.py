@@ -146,7 +146,7 @@ def test_a_transducer_with_a_live_zero_has_a_floor_and_one_without_has_none():
 def test_a_trip_is_said_noted_kept_and_cleared_by_a_person_alone(path):
     eeprom = bytearray(8)
     sim = SimulatedRig(device=Device(eeprom))
-    words = r"range at 3 counts \(-24.15 psi\), output \d+; a broken wire"
+    words = r"range at 3 counts \(-24.15 psi\), output \d+; check for a broken wire"
     with pytest.raises(RigFault, match=words), recorded(path, sim) as rig:
         rig.set_pressure(30 * PSI)
         rig.wait(2.0)

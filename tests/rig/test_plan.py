@@ -80,7 +80,11 @@ def test_a_file_is_read_in_its_units(tmp_path):
         ("[20, 40.5]", "[]", "at least one pressure"),
         ("[20, 40.5]", "[20,5, 40,5]", r"pressures_psi = \[20,5, 40,5\] seems to contain decimal"),
         ("[20, 40.5]", "[20,5]", "decimal commas"),
-        ("settle_s = 10", "settle_s = 2\nrise_s = 3", "at most settle_s, 2; got 3"),
+        (
+            "settle_s = 10",
+            "settle_s = 2\nrise_s = 3",
+            "rise_s must not exceed settle_s \\(2\\), got 3",
+        ),
         ("settle_s = 10", "settle_s = 2,5", "cannot read the plan"),
         ("settle_s", "settel_s", r"\[plan\]: unknown key 'settel_s'; valid .*settle_<s.ms.min>"),
         ("circuit", "circiut", r"\[rig\]: unknown key 'circiut'; circuit is missing: air or water"),

@@ -87,7 +87,7 @@ def test_a_clash_with_packages_of_others_is_named_by_whatever_meets_it(tmp_path,
     assert done.returncode == code, done.stderr
     said = done.stdout + done.stderr
     assert "not famjax's own 'fitting' package" in said
-    assert f"'rig' resolved to {rig}" in said
+    assert f"Python finds 'rig' at {rig}" in said
     assert "Traceback" not in said
 
 

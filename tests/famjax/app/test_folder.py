@@ -43,7 +43,7 @@ def test_a_new_folder_has_a_sheet_that_can_be_read(tmp_path, said, refused):
     assert found.photographs is not None
     assert found.photographs.distance == pytest.approx(1.524)
     refused("already exists", "new", folder)
-    refused("names test.fam, which is not in", "characterise", folder)
+    refused("refers to test.fam, which is not in", "characterise", folder)
 
 
 @pytest.mark.parametrize(

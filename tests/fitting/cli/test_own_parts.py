@@ -137,7 +137,7 @@ def test_a_file_imports_nothing_unless_the_module_is_named(kind, files, here, re
     predict = ["predict", path, "--length", "270mm", "--pressure", "5bar"]
     words = ["assess", path, "--validate"] if kind == "problem" else predict
     told = refused("'spy:Law', which is not part of famjax", *words)
-    assert "--own spy or own=('spy',) in Python" in told
+    assert "--own spy, or own=('spy',) in Python" in told
     assert "spy" not in sys.modules
     assert not (here / "imported").exists()
 
