@@ -16,7 +16,6 @@ DOCS = ROOT / "docs"
 _FENCE = re.compile(r"^``` *([^\n]*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 _NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?![\w])")
 _LINK = re.compile(r"\]\(([^)\s]+)\)")
-_INSTALLS = ("pip install", "python3 -m venv")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -82,7 +81,7 @@ def _python(code: str, names: dict[str, object], where: str) -> str:
 
 
 def _shell(script: str, folder: Path, where: str) -> str:
-    lines = [line for line in script.splitlines() if not any(word in line for word in _INSTALLS)]
+    lines = [line for line in script.splitlines() if not re.search("pip install|-m venv", line)]
     code = "\n".join([f'famjax() {{ "{sys.executable}" -m famjax "$@"; }}', *lines])
     env = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "120"}
     done = ran("bash", "-euo", "pipefail", "-c", code, cwd=folder, env=env)

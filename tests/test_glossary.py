@@ -9,9 +9,6 @@ from famjax.boundary.units import UNITS
 from fitting.evidence import Evidence, SharedErrors, carry, moves_of
 from fitting.report import Findings
 
-GLOSSARY = Path(__file__).parents[1] / "docs" / "glossary.md"
-_UNITS = {unit for kind in UNITS.values() for unit in kind}
-
 
 def normal(label: str) -> str:
     """A label without its unit, its numbers as signs: "contraction 0.250" is "contraction #"."""
@@ -19,7 +16,8 @@ def normal(label: str) -> str:
 
 
 def terms() -> list[tuple[str, str]]:
-    rows = re.findall(r"^\| (.+?) \| (.+) \|$", GLOSSARY.read_text(), re.MULTILINE)
+    page = Path(__file__).parents[1] / "docs" / "glossary.md"
+    rows = re.findall(r"^\| (.+?) \| (.+) \|$", page.read_text(), re.MULTILINE)
     return [(one, said) for names, said in rows if names != "term" for one in names.split("; ")]
 
 
@@ -35,7 +33,7 @@ PLAIN = {
 
 def unexplained(labels: list[str]) -> set[str]:
     """Labels that stand nowhere. A label of five words or more, or a ratio, explains itself."""
-    units = {unit.lower() for unit in _UNITS}
+    units = {unit.lower() for kind in UNITS.values() for unit in kind}
     words = {normal(one) for one in labels if re.search(r"[A-Za-z]", one)}
     known = units | TERMS.keys() | PLAIN
     return {one for one in words - known if len(one.split()) < 5 and " over " not in one}

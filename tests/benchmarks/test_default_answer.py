@@ -16,7 +16,6 @@ from fitting import load_bundled, read_csv
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 answers = pytest.importorskip("default_answer")
 sys.path.pop(0)
-TESTS = Path(__file__).parents[1]
 
 
 @pytest.fixture
@@ -27,7 +26,7 @@ def tube():
 
 @pytest.mark.parametrize("name", ["tubes", "dense_truth"])
 def test_the_physics_shares_nothing_with_famjax(name):
-    text = (TESTS / f"{name}.py").read_text()
+    text = (Path(__file__).parents[1] / f"{name}.py").read_text()
     imported = set(re.findall(r"^\s*(?:import|from) (\w+)", text, re.MULTILINE))
     assert {"numpy"} <= imported
     assert not imported & {"famjax", "fitting", "imaging", "rig", "jax"}

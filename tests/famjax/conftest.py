@@ -8,10 +8,3 @@ def festo():
     from muscles import FESTO
 
     return FESTO
-
-
-@pytest.fixture(params=["FESTO", "CHAMBERS"])
-def muscle(request: pytest.FixtureRequest):
-    import muscles
-
-    return getattr(muscles, request.param)

@@ -18,14 +18,6 @@ import famjax
 from famjax.materials import SaturatingMaterial
 from famjax.muscle import SEATING_FORCE, give_way
 
-DIFFERENCE = 1e-6  # central differences of a function of order one
-
-
-def _states(muscle: famjax.Muscle) -> tuple[np.ndarray, np.ndarray]:
-    rest = float(muscle.geometry.rest_length)
-    pressure = 5e5 if rest < 1 else 80.0  # SI or psi
-    return rest * np.linspace(0.72, 1.02, 7), pressure * np.linspace(0.1, 1.2, 7)
-
 
 def test_force_is_the_sum_of_its_terms_by_hand():
     L, P, N, B, V = 7.0, 80.0, 1.09, 9.89, np.pi * 0.0625 * (0.875 - 0.0625) * 9.28125
@@ -45,15 +37,14 @@ def test_force_is_the_sum_of_its_terms_by_hand():
     assert float(known.CHAMBERS.force(L, P)) == pytest.approx(by_hand, rel=1e-12)
 
 
-def test_stiffness_is_the_slope_of_the_force(muscle):
-    L, P = _states(muscle)
+@pytest.mark.parametrize(("name", "pressure"), [("FESTO", 5e5), ("CHAMBERS", 80.0)])
+def test_stiffness_is_the_slope_free_contraction_has_no_force_and_load_is_carried(name, pressure):
+    muscle = getattr(known, name)
+    L, P = muscle.rest_length * np.linspace(0.72, 1.02, 7), pressure * np.linspace(0.1, 1.2, 7)
     h = 1e-6 * L[0]
     slope = (muscle.force(L + h, P) - muscle.force(L - h, P)) / (2 * h)
-    np.testing.assert_allclose(muscle.stiffness(L, P), slope, rtol=DIFFERENCE)
-
-
-def test_free_contraction_has_no_force_and_load_is_carried(muscle):
-    P = _states(muscle)[1][2:]
+    np.testing.assert_allclose(muscle.stiffness(L, P), slope, rtol=1e-6)
+    P = P[2:]
     blocked = muscle.blocked_force(P)
     free = muscle.free_contraction(P)
     at = (1 - free) * muscle.geometry.rest_length

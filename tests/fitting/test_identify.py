@@ -261,17 +261,13 @@ def test_compliant_rig_and_end_factor_are_recovered(mounted):
 
 
 @pytest.mark.slow
-def test_noisy_estimates_lie_within_three_standard_errors(noisy):
+def test_noisy_estimates_lie_within_three_standard_errors_which_profiles_confirm(noisy):
     for name, value in MOUNTED_TRUTH.items():
         estimate = noisy.estimate(name)
         assert not estimate.at_bound
         assert abs(estimate.value - value) < 3 * estimate.stderr, name
     assert 1.2 < noisy.errors.rmse < 2.8  # 2 N of noise, seven parameters spent
-
-
-@pytest.mark.slow
-def test_profile_agrees_with_the_standard_error(noisy):
-    """Near the optimum the problem is quadratic: one standard error is one unit of excess."""
+    # Near the optimum the problem is quadratic: one standard error is one unit of excess.
     (one,) = profile(noisy, ["braid_angle"], points=6)
     estimate = noisy.estimate("braid_angle")
     low, high = one.interval  # 1.96 standard errors

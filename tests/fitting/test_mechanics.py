@@ -44,17 +44,13 @@ def fit(data: fitting.ForceData) -> fitting.Identification:
 
 
 @pytest.mark.slow
-def test_a_known_muscle_comes_back(fit):
+def test_a_known_muscle_comes_back_and_opens_as_it_was(fit, tmp_path):
     assert fit.errors.rmse < 1.2
     for name, true in {**TRUTH, **OF_LAW}.items():
         one = fit.estimate(name)
         assert abs(one.value - true) < 4 * one.stderr, name
     assert fit.certificate.shape_margin > 0
     assert fit.converged
-
-
-@pytest.mark.slow
-def test_it_opens_as_it_was(fit, tmp_path):
     fitting.write_fit(fit, tmp_path)
     saved = fitting.load_fit(tmp_path / "fit.json")
     at = fit.data.length, fit.data.pressure

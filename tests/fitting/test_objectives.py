@@ -34,14 +34,10 @@ def spoilt() -> tuple[ForceData, np.ndarray]:
     return ForceData(read, P, L, KNOWN), wrong
 
 
-@pytest.fixture(scope="module")
-def robust(spoilt: tuple[ForceData, np.ndarray]) -> Identification:
-    return identify(spoilt[0], starts=8, objective="huber")
-
-
 @pytest.mark.slow
-def test_outliers_are_named_and_do_not_move_the_truth(spoilt, robust):
+def test_outliers_are_named_and_do_not_move_the_truth(spoilt):
     data, wrong = spoilt
+    robust = identify(data, starts=8, objective="huber")
     assert robust.converged
     assert set(wrong) <= set(np.flatnonzero(robust.weights < 0.5))
     assert any("Huber objective" in warning for warning in robust.warnings)
@@ -54,12 +50,11 @@ def test_outliers_are_named_and_do_not_move_the_truth(spoilt, robust):
     assert off(identify(data, starts=8)) > 3 * off(robust)
     for estimate, truth in zip(robust.estimates, TRUTH, strict=True):
         assert abs(estimate.value - truth) < 3 * estimate.stderr, estimate.name
+    the_optimum_is_that_of_the_function_itself(data, robust)
 
 
-@pytest.mark.slow
-def test_the_optimum_is_that_of_the_function_itself(spoilt, robust):
+def the_optimum_is_that_of_the_function_itself(data: ForceData, robust: Identification) -> None:
     """Its gradient by automatic differentiation, with the threshold that the weights tell."""
-    data, _ = spoilt
     residual = np.abs(robust.residuals)
     (threshold,) = np.unique((robust.weights * residual)[robust.weights < 0.999].round(6))
     # Not tuned: 1.345 times the noise that the median shows.

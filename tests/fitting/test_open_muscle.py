@@ -30,9 +30,7 @@ class ConicalEnds(famjax.geometries.AbstractGeometry):
         share, rest = (self.rest_length - self.cone_length) / self.rest_length, self.rest_length
         return tuple(rest + (end - rest) * share for end in self.cylinder.length_range())
 
-    @property
-    def rest_length(self):
-        return self.cylinder.rest_length
+    rest_length = property(lambda self: self.cylinder.rest_length)
 
 
 class Foreign(famjax.AbstractMuscle):

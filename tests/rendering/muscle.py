@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
-from famjax.boundary.units import factor
+from famjax.units import INCH
 from imaging.camera import Array, Flags, Indices
 
-INCH = factor("in", "length")
 TAN = (0.72, 0.58, 0.33)  # aramid thread, linear RGB
 BLUE_HUE = 222.0  # [deg]
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from numpy.typing import ArrayLike
 
-from famjax.boundary.units import factor
+from famjax.units import LBF, PSI
 from fitting.records import MachineLog
 from imaging.camera import Array
 
@@ -17,7 +17,6 @@ from .renderer import render
 from .scene import Scene
 
 Contraction = Callable[[Array], Array]
-LBF = factor("lbf", "force")
 START = datetime.datetime(2021, 3, 1, 10, 0, 0)
 
 
@@ -52,5 +51,5 @@ def stroke_log(contraction: Contraction, times: ArrayLike, rest_length: float) -
     """The record at 100 psi; the force falls linearly between the reference work's two ends."""
     times = np.asarray(times, float)
     c = contraction(times)
-    pressure = np.full(times.shape, 100 * factor("psi", "pressure"))
-    return MachineLog(times, c * rest_length, 1058 * LBF * (1 - c / 0.354), pressure)
+    force, pressure = 1058 * LBF * (1 - c / 0.354), np.full(times.shape, 100 * PSI)
+    return MachineLog(times, c * rest_length, force, pressure)

@@ -84,7 +84,7 @@ def twin(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-def test_a_twin_comes_back(twin):
+def test_a_twin_comes_back_and_its_report_is_whole(twin):
     """The law within four of its errors, those of the shape included; the turns within a thousandth."""
     truth = tomllib.loads((twin / TRUTH).read_text())["muscle"]
     found = json.loads((twin / "results" / "measured" / "figures.json").read_text())
@@ -96,10 +96,6 @@ def test_a_twin_comes_back(twin):
         other = json.loads((twin / "results" / name / "figures.json").read_text())
         assert found["rmse_N"] < other["rmse_N"]
     assert found["rmse_N"] < 1e-3 * found["largest_force_N"]
-
-
-@pytest.mark.slow
-def test_the_report_is_whole(twin):
     report = twin / "results" / "report"
     page = (report / "report.html").read_text()
     assert re.search(r'(src|href)="(?!data:|#)', page) is None  # nothing is fetched

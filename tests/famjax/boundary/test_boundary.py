@@ -164,7 +164,8 @@ def test_the_folder_is_below_the_users_cache_unless_named(monkeypatch, tmp_path)
     assert cache_root() == tmp_path / "mine"
 
 
-def test_the_folder_is_of_this_machine_and_private(tmp_path):
+def test_the_folder_is_of_this_machine_and_private(tmp_path, monkeypatch):
+    """One of somebody else is not trusted."""
     folder = Path(in_fresh_process(SWITCH_ON, FAMJAX_CACHE_DIR=str(tmp_path)).strip("'"))
     assert folder.parent == tmp_path
     assert folder.name.endswith(f"-jaxlib-{jax.lib.__version__}")
@@ -172,9 +173,6 @@ def test_the_folder_is_of_this_machine_and_private(tmp_path):
         folder.chmod(0o755)
         in_fresh_process(SWITCH_ON, FAMJAX_CACHE_DIR=str(tmp_path))
         assert folder.stat().st_mode & 0o777 == 0o700
-
-
-def test_a_folder_of_somebody_else_is_not_trusted(tmp_path, monkeypatch):
     assert compilation_cache._private_folder(tmp_path / "mine")
     monkeypatch.setattr(os, "getuid", lambda: -1, raising=False)
     assert not compilation_cache._private_folder(tmp_path / "mine")

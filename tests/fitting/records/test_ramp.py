@@ -75,7 +75,7 @@ def static(points: QuasiStatic) -> fitting.records.StaticMap:
     return static_map(points)
 
 
-def test_each_hold_gives_a_point(points):
+def test_each_hold_gives_a_point_clamp_and_slack_are_marked_and_nothing_is_dropped(points):
     assert points.kinds == ("staircase",) * 6
     np.testing.assert_allclose(points.periods, 0.4, rtol=0.01)
     for number in range(6):
@@ -87,6 +87,13 @@ def test_each_hold_gives_a_point(points):
         assert np.abs(points.pressure[mine] - held).max() < bound
         assert points.filling[mine].tolist() == [True] * 20 + [False] * 18
     assert points.settled.all()
+    assert points.clamp == CLAMP
+    assert points.slack_below == pytest.approx(6 * NOISE, rel=0.05)
+    short = points.length == LENGTHS[1]
+    assert points.slack[points.force < points.slack_below].all()
+    assert not points.slack[~short & (points.pressure > 1e5)].any()
+    assert points.slack[short & (points.pressure < 1.4e5)].all()
+    assert points.force.size == 6 * 38
 
 
 def test_force_and_noise_of_the_holds(points):
@@ -99,16 +106,6 @@ def test_force_and_noise_of_the_holds(points):
     assert np.abs(miss / stderr).max() < SIGMAS
     assert np.std(miss / stderr) == pytest.approx(1, abs=0.25)  # 3 standard errors, 200 points
     assert np.median(points.noise[free]) == pytest.approx(NOISE, rel=0.05)
-
-
-def test_clamp_and_slack_are_marked_and_nothing_is_dropped(points):
-    assert points.clamp == CLAMP
-    assert points.slack_below == pytest.approx(6 * NOISE, rel=0.05)
-    short = points.length == LENGTHS[1]
-    assert points.slack[points.force < points.slack_below].all()
-    assert not points.slack[~short & (points.pressure > 1e5)].any()
-    assert points.slack[short & (points.pressure < 1.4e5)].all()
-    assert points.force.size == 6 * 38
 
 
 def test_readings_of_a_coarse_sensor_are_resolved():

@@ -91,15 +91,12 @@ def test_ramps_that_cannot_be_read(tmp_path, text, match):
         read_ramp(_file(tmp_path, text), length=0.3, columns=PLAIN)
 
 
-def test_missing_rows_of_a_log_are_reported_and_not_filled(tmp_path):
+def test_missing_rows_of_a_log_are_reported_and_what_is_no_log_is_refused(tmp_path):
     kept = [k for k in range(150) if k not in {10, 50, 51, 52}]
     rows = "".join(f"{0.02 * k:.3f},{k},{100 - k}\n" for k in kept)
     log = read_machine_log(_file(tmp_path, "time_s,displacement_mm,force_N\n" + rows))
     assert (log.missing_rows, log.time.size) == (4, 146)
     assert log.unread == ()
-
-
-def test_what_is_no_log_is_refused_with_its_path(tmp_path):
     path = _file(tmp_path, "Dear all,\nno numbers today.\n")
     with pytest.raises(InputError, match="no block of numbers") as caught:
         read_machine_log(path)

@@ -13,22 +13,13 @@ from imaging.campaign import measured_row
 from imaging.weave import Unrolled, Waves, count_yarns, shines
 from tests.imaging.photographs import changed, photograph, recipe_of
 
-PX_PER_IN = (150.0, 170.0)
 WITHIN = math.radians(0.3)
-SIGMAS = 3.5  # of a window's own standard error
-REST = 8.0 * INCH
 
 
 @functools.cache
 def scene(seed, strands=36, **changes):
-    made = random_scene(seed, px_per_in=PX_PER_IN, length=REST)
+    made = random_scene(seed, px_per_in=(150.0, 170.0), length=8.0 * INCH)
     return changed(made, {"strands": strands, "flecks": 0.0, "turns": 0.95}, **changes)
-
-
-@functools.cache
-def measured(made):
-    photo = photograph(made, 3)
-    return photo, measure(photo.rgb, recipe_of(made, braid_angle=True))
 
 
 CASES = {
@@ -55,13 +46,15 @@ def test_the_angle_is_that_of_the_strands(case):
     error = (braid.angle - true)[braid.resolved]
     assert error.size > 8
     assert np.sqrt(np.mean(error**2)) < WITHIN
-    assert np.all(np.abs(error) < SIGMAS * braid.stderr[braid.resolved])
+    assert np.all(np.abs(error) < 3.5 * braid.stderr[braid.resolved])  # of each window
     assert abs(error.mean()) < WITHIN / 2
     assert braid.turns == pytest.approx(truth.turns, rel=0.01)
 
 
-def test_next_to_the_tapes_there_is_no_angle():
-    _, found = measured(scene(1))
+def test_next_to_the_tapes_there_is_no_angle_and_a_table_holds_it(tmp_path):
+    made = scene(1)
+    photo = photograph(made, 3)
+    found = measure(photo.rgb, recipe_of(made, braid_angle=True))
     braid = found.braid
     assert braid.z[0] == 0
     assert braid.z[-1] == pytest.approx(found.length)
@@ -70,12 +63,8 @@ def test_next_to_the_tapes_there_is_no_angle():
     assert np.isnan([braid.angle[0], braid.angle[-1]]).all()
     middle = braid.z.size // 2
     assert 0 < braid.stderr[middle] < WITHIN < braid.angle[middle]
-
-
-def test_a_table_holds_the_angle(tmp_path):
-    photo, _ = measured(scene(1))
     path = photo.save(tmp_path / "one.jpg")
-    rows = [measured_row(str(path), recipe_of(scene(1), braid_angle=True))]
+    rows = [measured_row(str(path), recipe_of(made, braid_angle=True))]
     table = Table.from_rows(rows)
     assert table["braid_angle_deg"][0] == pytest.approx(np.nanmean(table.braid_angle[0]), abs=0.5)
     assert 0 < table["braid_angle_deg_stderr"][0] < 0.3
