@@ -9,11 +9,6 @@ import numpy as np
 import pytest
 
 EXACT = 1e-12
-# What differs by more than its tolerance; examples/chambers2021/notes.py says why of each.
-OUT = {
-    ("6, thickness", "estimated elastic, smallest bladder thickness in the 100 psi test"),
-    ("7.4", "optimised law as printed, mean |free contraction error|"),
-}
 
 
 @pytest.fixture(scope="module")
@@ -30,10 +25,9 @@ def found(loaded):
 
 
 @pytest.mark.slow
-def test_every_published_figure_is_met_but_those_explained(loaded, found):
-    assert {(row.table, row.entry) for row in found if row.verdict == "outside"} == OUT
+def test_every_published_figure_is_met_but_for_misprints(loaded, found):
+    assert [row for row in found if row.verdict == "outside"] == []
     notes = dict(loaded.NOTES)
-    assert all("Out of tolerance" in notes[table] for table, _ in OUT)
     misprints = [row for row in found if row.misprint]
     # Marked in the reference file: w and b_1 of table 4.3, a total of table 7.6.
     assert len(misprints) == 7

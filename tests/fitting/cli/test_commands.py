@@ -81,7 +81,7 @@ def test_the_export_of_a_fit_names_its_file(said, tmp_path):
     said("fit", "DMSP-10-250", "--order", "2", "--output", tmp_path / "fit")
     said("export", tmp_path / "fit" / "fit.json", "--to", "c", "-o", tmp_path / "c")
     (head,) = (tmp_path / "c").glob("*.h")
-    assert "of fit.json, sha256 " in head.read_text()
+    assert "from fit.json, sha256 " in head.read_text()
 
 
 @pytest.mark.slow
