@@ -438,7 +438,7 @@ def pitch_of(light: Single, strip: Strip) -> float:
     readings = _READINGS.get(period or 0, ())
     if len(readings) == 1:
         return readings[0]
-    seen = f"every {period}th mark is numbered" if period else "no numerals were found"
+    seen = f"one mark in {period} is numbered" if period else "no numerals were found"
     raise AmbiguousRuler(
         f"{seen}, so the spacing of the marks is ambiguous: state it, as in --pitch 0.125in or --pitch 1mm",
         pitch_px=strip.marks.pitch,
