@@ -122,7 +122,7 @@ def levels_of(
         )
     elif count.size > max(2, _FRACTION * values.size):
         note = (
-            f"Few readings share a {what}, and the gaps do not separate them into levels. "
+            f"Few readings share a {what}, and the gaps between {what}s do not separate them into levels. "
             f"Cross-validation by {what} therefore leaves out single readings. If readings were "
             f"taken at common {what}s, state a tolerance in the file: "
             f"# level: {what}_tolerance_{'kPa = 5' if what == 'pressure' else 'mm = 0.1'}"

@@ -557,6 +557,9 @@ def html_report(
         both = as_svg(plot_profiles(result.pictures, system))
         profiles = inline_svg(both, "profiles", "photographed and computed profiles")
     content = [found.numbers(system), *found.tables(system)]
+    length, pressure = (
+        np.median(one[result.data.loaded]) for one in (result.data.length, result.data.pressure)
+    )
     return page(
         "report.html",
         found=found,
@@ -566,6 +569,7 @@ def html_report(
         tables=[PageTable(*table).html(k) for k, table in enumerate(content, start=1)],
         origin=origin,
         versions=versions(),
+        state=(f"{1e3 * length:.4g}mm", f"{pressure / 1e3:.4g}kPa"),
         live=live(result, system),
     )
 

@@ -38,8 +38,8 @@ share an error, so each specimen has the same weight."""
 FROM_ONE = 0.06
 """Standard deviation of readings about a prediction from one specimen of another length, relative to the
 largest force and excluding the disagreement between models. It was chosen so that the bands contain at
-least 95 % of the readings (they contain 96 %) for 18 pairs of muscles, one predicted from the other, among
-five muscles of 12 to 28 cm."""
+least 95 % of the readings. In 18 predictions of one muscle from another, among five muscles 12 to 28 cm
+long, they contain 96 %."""
 
 _EQUAL = (
     "Every specimen has the same weight, regardless of the number and standard deviations of its readings: "

@@ -193,7 +193,7 @@ class Recipe:
 
     @property
     def camera_distance(self) -> float:
-        """Stated camera distance [m]; if none was stated, 60 in as in the reference work."""
+        """Stated camera distance [m]; if none was stated, that of the reference work."""
         return REFERENCE_DISTANCE if self.distance is None else self.distance
 
     @property

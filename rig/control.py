@@ -348,7 +348,7 @@ class Rig:
         if newest.state == RUN and self._watch.contradicts(newest, held=held):
             self.fault(
                 "the load rises during inflow while the pressure reading is constant: the "
-                "channels are swapped, or the transducer's line is blocked; the device vents"
+                "channels are swapped, or the transducer's line is blocked; the device will now vent"
             )
 
     def sync(self, seconds: float) -> None:

@@ -330,7 +330,7 @@ class _Run:
             if self._start == "load" and left <= 0:
                 rig.fault(
                     f"the load has not changed for {LOAD_TIME:.0f} s: the strokes have not begun, or the "
-                    "load cell is dead; the device vents"
+                    "load cell is dead; the device will now vent"
                 )
 
     def _load_left(self, before: list[float]) -> bool:

@@ -141,7 +141,7 @@ class Journal(contextlib.AbstractContextManager):
             )
 
     def close(self) -> None:
-        """Write and sync all queued data; closing twice has no effect.
+        """Write and sync all queued data; a second call has no effect.
 
         Raises:
             RigFault: some data could not be written.

@@ -654,8 +654,8 @@ class Link(AbstractLink):
             self.port: Any = opener()
         except OSError as error:
             raise RigError(
-                f"cannot open the port: {error}; check that it is plugged in and not in use by another "
-                "program"
+                f"cannot open the port: {error}; check that the board is plugged in and that no other "
+                "program is using the port"
             ) from None
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name="rig link", daemon=True)

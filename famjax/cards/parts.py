@@ -228,6 +228,6 @@ def _number(value: Any, annotation: Any, where: str, _own: Own) -> Any:
     digits = [one for one in zip(axes, map(str, shape), strict=False) if one[0].isdigit()]
     if "..." not in axes and (len(axes) != len(shape) or any(a != b for a, b in digits)):
         raise InputError(
-            f"{where} in the card must be numbers of shape ({' '.join(axes)}), got shape {shape}"
+            f"{where} in the card must be an array of shape ({' '.join(axes)}), got shape {shape}"
         )
     return as_number(numbers)

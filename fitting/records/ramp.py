@@ -290,7 +290,7 @@ def _holds(record: RampRecord, zero: float, stair: Staircase) -> Points:
     if not holds:
         raise InputError(
             f"{record.source} has fewer than {LEAST_READINGS} readings in the used part of each "
-            f"{stair.period:.4g} s hold, which is the fraction {_PART} of its duration: sample faster"
+            f"{stair.period:.4g} s hold, {_PART[0]:.0%} to {_PART[1]:.0%} of it: sample faster"
         )
     pressures, forces = record.pressure, record.force
     step, fine = _resolution(forces), _resolution(pressures)
@@ -379,8 +379,8 @@ def _check_atmosphere(record: RampRecord, atmosphere: float) -> None:
     if low < atmosphere - _VACUUM * np.ptp(record.pressure):
         raise InputError(
             f"the lowest pressure in {record.source}, {low / 1e3:.4g} kPa, is far below the stated reading "
-            f"at atmospheric pressure, {atmosphere / 1e3:.4g} kPa: state the reading when the muscle is "
-            "vented (0kPa for a zeroed gauge)"
+            f"at atmospheric pressure, {atmosphere / 1e3:.4g} kPa: state the reading of the vented "
+            "muscle (0kPa for a zeroed gauge)"
         )
 
 
