@@ -148,7 +148,7 @@ def _rest(*prior: float, unit: str = "mm") -> dict:
         ({"parameters": {"series_compliance": Parameter(min=-1.0, unit="mm/N")}}, "must be >= 0"),
         ({"parameters": {END: Parameter(max=1.3)}, "bounds": {END: (1.0, 1.2)}}, "bounds of .* only once"),
         ({"noise": -1.0}, "standard deviation of a reading in N, must be > 0"),
-        ({"geometry": FESTO_CYLINDER, "parameters": {"end_length": Parameter()}}, "no parameter end_length"),
+        ({"geometry": FESTO_CYLINDER, "parameters": {"end_length": Parameter()}}, "parameter end_length"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_fitted_is_refused(dmsp20, options, message):

@@ -208,7 +208,7 @@ def test_a_conversation_over_a_port_that_goes_away_and_is_opened_again(path):
 
 def test_a_serial_port_is_opened_for_this_program_alone(monkeypatch):
     serial = pytest.importorskip("serial")
-    with pytest.raises(RigError, match=r"cannot open the port.*not in use by another"):
+    with pytest.raises(RigError, match=r"cannot open the port.*no other program is using"):
         Link(serial_opener("/dev/no-such-port"))
     opened: list[tuple[str, int, bool | None]] = []
     monkeypatch.setattr(
