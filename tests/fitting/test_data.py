@@ -198,7 +198,7 @@ def test_no_levels_are_seen_where_there_are_none(seed):
     found = levels_of(values, "pressure")
     np.testing.assert_array_equal(found.level, values)
     assert found.tolerance == 0
-    assert "gaps do not separate them" in found.note
+    assert "do not separate them into levels" in found.note
 
 
 @pytest.mark.parametrize("seed", range(20))

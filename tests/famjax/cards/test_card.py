@@ -94,7 +94,7 @@ MEMBER = "members.0.muscle"
         (f"{MEMBER}.geometry.bladder", [], "must be a JSON object in braces"),
         (f"{MEMBER}.material.type", ..., "muscle.material .* unknown type None; .*Polynom"),
         (f"{MEMBER}.material.coefficients_psi", [1.0], "unknown entry 'coefficients_psi'"),
-        (f"{MEMBER}.material.coefficients_Pa", 1.0, r"must be numbers of shape \(order\), got"),
+        (f"{MEMBER}.material.coefficients_Pa", 1.0, r"must be an array of shape \(order\), got"),
         (f"{MEMBER}.material.coefficients_Pa", [1.0, "x"], "material.coefficients .* finite num"),
         (f"{MEMBER}.material.coefficients_Pa", [[1.0], [1.0, 2.0]], "must contain only finite numbers"),
         (f"{MEMBER}.material.coefficients_Pa", [1.0, None], "must contain only finite numbers"),
