@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from maps import clarabel_objective
 from scipy import optimize
+from slow_cases import slow_after
 
 from fitting.convex import Status, certificate_of, nearest_point, solve_qp
 
@@ -27,6 +28,7 @@ def polynomial_problem(rng: np.random.Generator, order: int) -> tuple[np.ndarray
 @pytest.mark.parametrize("seed", range(6))
 def test_optimum_agrees_with_clarabel(order, seed):
     A, b, G, h = polynomial_problem(np.random.default_rng(seed), order)
+    h += 0.05 * (seed % 2)  # the least slope
     best = solve(A, b, G, h)
     assert Status(int(best.status)) is Status.OPTIMAL
     theirs = clarabel_objective(A, b, G, h)  # to its own accuracy
@@ -68,8 +70,7 @@ def test_infeasible_and_rank_deficient_are_told_apart_and_too_few_rows_refused()
         solve_qp(np.ones((1, 2)), np.ones(1), np.zeros((0, 2)), np.zeros(0))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", slow_after(1, range(4)))
 def test_derivatives_hold_at_active_constraints(seed):
     rng = np.random.default_rng(seed)
     A, b, G, h = polynomial_problem(rng, 3)
