@@ -28,7 +28,7 @@ def polynomial_problem(rng: np.random.Generator, order: int) -> tuple[np.ndarray
 @pytest.mark.parametrize("seed", range(6))
 def test_optimum_agrees_with_clarabel(order, seed):
     A, b, G, h = polynomial_problem(np.random.default_rng(seed), order)
-    h += 0.05 * (seed % 2)  # the least slope
+    h += 0.05 * (seed % 3 - 1)  # the least slope
     best = solve(A, b, G, h)
     assert Status(int(best.status)) is Status.OPTIMAL
     theirs = clarabel_objective(A, b, G, h)  # to its own accuracy
