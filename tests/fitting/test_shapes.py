@@ -164,7 +164,7 @@ def fit_of(folder: Path) -> tuple[object, ...]:
 @pytest.mark.slow
 def test_the_law_and_the_turns_come_back(folder, said):
     out = said(*fit_of(folder), folder / "measurements.nc")
-    assert "The shape is measured in 120 pictures at lengths from 153.5 to" in out
+    assert "The shape was measured in 120 pictures at lengths from 153.5 to" in out
     found = json.loads((folder / "out" / "fit.json").read_text())["parameters"]
     assert found["turns"]["value"] == pytest.approx(float(BRAID.turns), rel=1e-3)
     for name, true in zip(("E_1", "E_2", "E_3"), LAW, strict=True):
