@@ -557,9 +557,10 @@ def html_report(
         both = as_svg(plot_profiles(result.pictures, system))
         profiles = inline_svg(both, "profiles", "photographed and computed profiles")
     content = [found.numbers(system), *found.tables(system)]
-    length, pressure = (
-        np.median(one[result.data.loaded]) for one in (result.data.length, result.data.pressure)
-    )
+    data, unit = result.data, unit_system(system)
+    middle = np.flatnonzero(data.loaded)[data.loaded.sum() // 2]
+    length = from_si(float(data.length[middle]), unit["length"], "length")
+    pressure = from_si(float(data.pressure[middle]), unit["pressure"], "pressure")
     return page(
         "report.html",
         found=found,
@@ -569,7 +570,7 @@ def html_report(
         tables=[PageTable(*table).html(k) for k, table in enumerate(content, start=1)],
         origin=origin,
         versions=versions(),
-        state=(f"{1e3 * length:.4g}mm", f"{pressure / 1e3:.4g}kPa"),
+        state=(f"{length:.4g}{unit['length']}", f"{pressure:.4g}{unit['pressure']}"),
         live=live(result, system),
     )
 

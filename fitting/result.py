@@ -252,8 +252,9 @@ class Identification:
         return tuple(one.name for one in self.estimates if one.at_bound)
 
     @property
-    def muscle(self) -> "famjax.Muscle | famjax.EquilibriumMuscle":  # slow to load
+    def muscle(self) -> "famjax.Muscle | famjax.EquilibriumMuscle":
         """The model; a differentiable function of length and pressure."""
+        # Types as text: `famjax.EquilibriumMuscle` takes 0.2 s to import.
         return cast("famjax.Muscle | famjax.EquilibriumMuscle", self.mounted.muscle)
 
     @property

@@ -113,7 +113,7 @@ def test_a_hard_muscle_fits_the_real_map():
         ([0, 50, 105], 2.0, False),  # 2.5
         ([0, 50, 112], 8.0, True),  # 12 % of the largest force, outside the band
         ([0, 50, 112], 13.0, False),  # the band says so
-        ([9, 50, 100], 2.0, True),  # a slack muscle that is said to pull
+        ([9, 50, 100], 2.0, True),  # slack, but the answer says that it pulls
     ],
 )
 def test_what_is_wrong(force, half, bad):
