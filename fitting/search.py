@@ -90,6 +90,7 @@ def descend_many(
     max_steps: int = 200,
     tolerance: float = 1e-10,
     promise: float = ROUNDED,
+    damping: float = 1e-3,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[End]:
     """Descend to local minima, each in the box of its own problem and from its own start.
@@ -101,6 +102,8 @@ def descend_many(
         tolerance: as in `descend`.
         promise: smallest relative decrease of the cost. A descent ends if its last step was accepted and
             the next one is predicted to gain less.
+        damping: initial damping, relative to the largest squared column of the Jacobian; smaller near an
+            optimum.
         progress: called with (descents done, total).
 
     Returns:
@@ -124,7 +127,7 @@ def descend_many(
             here = slice(first, first + _TOGETHER)
             with np.errstate(all="ignore"):
                 for which, end in _descents(
-                    batch, members[here], points[here], max_steps, tolerance, promise
+                    batch, members[here], points[here], max_steps, tolerance, promise, damping
                 ):
                     mine = first + which
                     ends[places[mine]] = dataclasses.replace(end, u=end.u[own[mine]])
@@ -210,6 +213,7 @@ def _descents(
     max_steps: int,
     tolerance: float,
     promise: float,
+    first_damping: float,
 ) -> Iterator[tuple[int, End]]:
     """Yield the index and end point of each descent when it ends."""
     count, p = starts.shape
@@ -250,7 +254,7 @@ def _descents(
         # Nielsen's damping is smooth in the quality of the step and grows faster after refusals.
         growth[going] = np.where(better, 1.0, 2 * growth[going])
         factor = np.where(better, np.maximum(1 / 3, 1 - (2 * ratio - 1) ** 3), growth[going])
-        begin = 1e-3 * np.max(np.sum(J[going] ** 2, axis=1), axis=1, initial=0.0)
+        begin = first_damping * np.max(np.sum(J[going] ** 2, axis=1), axis=1, initial=0.0)
         damping[going] = np.maximum(np.where(first, begin, damping[going] * factor), _TINY)
         cosine = gradient_residual(u[going], r[going], J[going], scale[going])
         residual[going] = np.where(better, cosine, np.where(first, np.nan, residual[going]))
