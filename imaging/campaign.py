@@ -294,9 +294,7 @@ def _contract(
         "stated and assumed to be exact",
         stderr / length,
     )
-    if rest_length is None and np.isnan(length).all():
-        source = "which is undefined because no picture was measured"
-    elif rest_length is None:
+    if rest_length is None and not np.isnan(length).all():
         k = int(np.nanargmax(length))
         rest, source = float(length[k]), f"the longest measured length, in {rows[k]['path']}"
         noise = np.sqrt(np.maximum(relative**2 - scale_relative_stderr**2, 0))
@@ -304,6 +302,8 @@ def _contract(
         relative[k] = 0.0
     columns["contraction"] = 1 - length / rest
     columns["contraction_stderr"] = length / rest * relative
+    if math.isnan(rest):
+        return rest, "Contraction is not given, because there is no rest length."
     return rest, f"Contraction is relative to the rest length {rest * 1e3:.6g} mm, {source}."
 
 

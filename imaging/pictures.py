@@ -6,7 +6,7 @@ import hashlib
 import math
 import os
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -190,6 +190,16 @@ def check_known_sizes(table: Table, rest_length: float | None, diameter: float |
             )
 
 
+def _unchecked_plane(table: Table, recipe: Recipe) -> Iterator[str]:
+    """Yield a note if no known size shows whether the muscle hangs in the ruler's plane."""
+    if recipe.scale.source == "ruler" and recipe.tape_diameter is None and table.ok.any():
+        larger = 0.01 / float(np.nanmedian(table["distance"]))
+        yield (
+            "No picture shows whether the muscle hangs in the ruler's plane. If it hangs 10 mm nearer to "
+            f"the camera, all lengths are {larger:.1%} too large. To check this, state --tape-diameter."
+        )
+
+
 class CampaignOutcome(NamedTuple):
     """Result of a campaign.
 
@@ -241,9 +251,10 @@ def measure_pictures(
         provenance=provenance,
     )  # fmt: skip
     check_known_sizes(table, rest_length, diameter)
+    told = list(_unchecked_plane(table, recipe))
     if others := skipped(photos):
-        note = f"Skipped {len(others)} files that are not pictures; the first is {others[0]}."
-        table = dataclasses.replace(table, notes=(*table.notes, note))
+        told.append(f"Skipped {len(others)} files that are not pictures; the first is {others[0]}.")
+    table = dataclasses.replace(table, notes=(*table.notes, *told))
     if add_log is not None:
         table = add_log(table)
     csv = output / "measurements.csv"

@@ -53,6 +53,7 @@ def test_a_stroke_becomes_a_table_with_force_and_what_a_person_checks(lab, tmp_p
                 "--output", out, "--overlays", 3, "--units", "us", "--json")  # fmt: skip
     document = json.loads(told)
     assert document["ok"] == document["pictures"] == 9
+    assert any("--tape-diameter" in note for note in document["notes"])
     rows = table(out / "measurements.csv")
     assert [row["path"].rsplit("img")[-1] for row in rows] == [f"{k}.jpg" for k in range(1, 10)]
     length = np.array([float(row["length_in"]) for row in rows])
