@@ -6,6 +6,7 @@ import dataclasses
 import datetime
 import functools
 import io
+import itertools
 import math
 import re
 import zipfile
@@ -35,6 +36,7 @@ _GROUPS = {
     ".": re.compile(r"[+-]?[1-9]\d{0,2}(?:[, ']\d{3})+(?:\.\d*)?"),
     ",": re.compile(r"[+-]?[1-9]\d{0,2}(?:[. ']\d{3})+(?:,\d*)?"),
 }
+_COMMENT = re.compile(r'[\s"]*(?:#|(?:%+|//+|!+)[ \t]*(?=[^\W\d]|["\[(]))')
 _NUMBER = re.compile(r"[+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?")
 
 
@@ -149,11 +151,16 @@ def split_text(text: str, asked: Asked) -> Sheet:
     lines = text.splitlines()
     stated = re.fullmatch(r'(?i)"?sep=(.)"?\s*', lines[0]) if lines else None
     held = [(n, one) for n, one in enumerate(lines, 1) if one.strip(" \t;,|")][bool(stated) :]
-    comments = tuple(one.strip(" \t,;") for _, one in held if one.lstrip(' "').startswith("#"))
-    body = [(n, one) for n, one in held if not one.lstrip(' "').startswith("#")]
+    comments = tuple(one.strip(" \t,;") for _, one in held if _is_comment(one))
+    body = [(n, one) for n, one in held if not _is_comment(one)]
     if not body:
         raise InputError(
             "the file is empty: it needs column names, such as pressure_kPa,length_mm,force_N"
+        )
+    if re.match(r"\d\d:\d\d:\d\d\.\d+ -> ", body[-1][1]):
+        raise InputError(
+            "the lines begin with the time stamps of a serial monitor: switch them off, and send the time "
+            "as a column"
         )
     found: list[tuple[tuple[float, ...], str]] = []
     for rank, delimiter in enumerate([stated[1]] if stated else "\t;,| "):
@@ -191,17 +198,38 @@ def sheet_of(
         raise InputError("there is no block of numbers")
     names, below, beside, first = _header(rows, first, width, comments)
     body = rows[first:]
-    named = sum(not re.fullmatch(r"column \d+", name) for name in names)
+    named = max((k for k, name in enumerate(names, 1) if not _UNNAMED.fullmatch(name)), default=0)
+    if 0 < named == width - 1 and _row_names([r[0] for _, r in body[:_SAMPLE] if len(r) == width]):
+        names = ["row", *names[:-1]]
+        below, beside = (["", *one[:-1]] for one in (below, beside))
+        named = width
     inside = [row for _, row in (body[:_SAMPLE] if plain else body)]
-    for line, row in body if delimiter == "," and named else ():
+    for line, row in body if named else ():
         if len(row) > named and all(map(looks_number, row)):
             raise InputError(
-                f"line {line} has {len(row)} numbers, but the header has {named} names: the extra commas "
-                "may be decimal or thousands separators. Export the table with semicolons between the "
-                "columns, or name every column"
+                f"line {line} has {len(row)} numbers, but the header has {named} names: name every column. "
+                "If commas are decimal or thousands separators, export the table with semicolons"
             )
     sign, grouped = _decimal(inside, asked.columns.get("decimal"), delimiter)
     return Sheet(body, names, below, beside, sign, grouped, comments)
+
+
+_UNNAMED = re.compile(r"column \d+")
+
+
+def _row_names(cells: Sequence[str]) -> bool:
+    """Return True if these first cells of the rows are labels or numbers that count the rows."""
+    if not any(map(looks_number, cells)):
+        return True
+    whole = all(re.fullmatch(r"\d+", cell) for cell in cells)
+    return whole and all(int(b) == int(a) + 1 for a, b in itertools.pairwise(cells))
+
+
+def _is_comment(line: str) -> bool:
+    """Return True for a line that begins with #, %, // or !, but not for a row of units: `% kPa N`."""
+    mark = _COMMENT.match(line)
+    words = re.split(r"[\s,;|]+", line[mark.end() :].strip()) if mark else []
+    return mark is not None and (mark[0].endswith("#") or not all(map(any_unit, words)))
 
 
 def _cells(line: str, delimiter: str) -> tuple[str, ...]:
@@ -263,8 +291,8 @@ def _header(
     looks = [sum(map(looks_number, row)) for _, row in rows[:first]]
     above = [list(row) for _, row in rows[:first]][: -NEAREST - 1 : -1]
     if not first and comments:  # as NumPy writes it
-        line = comments[-1].lstrip("# ")
-        split = [line.split(), *(list(_cells(line, d)) for d in "\t;,|")]
+        line = comments[-1].lstrip("#%/! ")
+        split = [line.split(), *(list(_cells(line, d)) for d in " \t;,|")]
         above = [next((cells for cells in split if len(cells) == width), split[0])]
     scores = [
         sum(bool(judge(cell).quantity or judge(cell).reason) for cell in row) for row in above
@@ -335,15 +363,26 @@ def _decimal(
     remedy = "specify the decimal sign with --column decimal=, or --column decimal=."
     if len(certain) == 2 or ("," in certain and "." in doubtful and not grouped):
         one, two = certain.get(".") or doubtful["."], certain[","]
+        how = remedy if delimiter else "store all readings as numbers, not as text"
         raise InputError(
-            f"{one!r} has a point and {two!r} has a comma: use one decimal sign throughout, or {remedy}"
+            f"{one!r} has a point and {two!r} has a comma: use one decimal sign throughout, or {how}"
         )
-    if not certain and ("," in doubtful or (doubtful and delimiter == ";")):
+    if not certain and ("," in doubtful or (doubtful and (delimiter == ";" or _mixed(rows)))):
         cell = doubtful.get(",") or doubtful["."]
         raise InputError(
             f"{cell!r} may mean {cell.replace(',', '.')} or {re.sub('[.,]', '', cell)}: {remedy}"
         )
     return ("," if "," in certain else "."), grouped or "," in doubtful
+
+
+def _mixed(rows: Sequence[tuple[str, ...]]) -> bool:
+    """Return True if whole numbers and numbers such as 1.100 stand in one column."""
+    columns = itertools.zip_longest(*rows, fillvalue="")
+    return any(
+        any(_GROUPS[","].fullmatch(cell) for cell in column)
+        and any(re.fullmatch(r"[1-9]\d*", cell) for cell in column)
+        for column in columns
+    )
 
 
 def numbers_of(cells: Sequence[str], sheet: Sheet) -> np.ndarray:

@@ -31,6 +31,7 @@ _REASONS = {word: why for why, words in _WORDS["no measurement"].items() for wor
 _PLAIN = frozenset(_WORDS["plain"]["words"].split())
 _JOINED = _WORDS["plain"]["joined"].split()
 OTHER_UNITS = frozenset(_WORDS["others"]["units"].split())
+SUMMARIES = frozenset(_WORDS["summaries"]["words"].split())
 _KNOWN = _PLAIN | _REASONS.keys()
 _STD = {"std", "sd", "stdev"}
 CLOCK_UNIT = re.compile(r"(h+|m+):(m+|s+)(:s+)?(?:[.,:]\w+)?", re.IGNORECASE)
@@ -43,7 +44,8 @@ _BRACKETS = [
     for form in (r"\[([^\[\]]*)\]", r"\(((?:[^()]|\([^()]*\))*)\)", r"\{([^{}]*)\}", r"<([^<>]*)>")
 ]
 _BESIDE = re.compile(r"\s*/\s*|\s+in\s+|\s*[,;:.]\s*|_|\s+")
-_FORMULA = re.compile(r"[*^|=+\u00d7\u221a]|/\s*\d|^\s*[-\d]")
+_FORMULA = re.compile(r"[*^|=+\u00d7\u221a]|/\s*\d|^\s*[-\d]|\d[.,:]\d|,\s*\d")
+_MULTIPLE = re.compile(r"[x\u00d7]?\s*\d[\d.,]*\s*[x\u00d7*]?\s*(.+)")
 
 
 class Column(NamedTuple):
@@ -153,7 +155,12 @@ def split_unit(text: str) -> tuple[str, str]:
     for pattern in _BRACKETS:
         for match in reversed(list(pattern.finditer(text))):
             inner, rest = match[1].strip(), f"{text[: match.start()]} {text[match.end() :]}".strip()
-            if inner and (any_unit(inner) or inner.casefold() in OTHER_UNITS):
+            multiple = _MULTIPLE.fullmatch(inner)
+            if inner and (
+                (multiple and any_unit(multiple[1]))
+                or any_unit(inner)
+                or inner.casefold() in OTHER_UNITS
+            ):
                 return rest, inner
             if inner and rest and _strange(inner):
                 unknown.append((rest, inner))

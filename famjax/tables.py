@@ -226,6 +226,10 @@ def _find(
         f"the unknown unit {shortened(one.unit)}" if one.unit else "no unit in or below its name"
     )
     hint = ": a contraction is (L0 - L)/L0, as a fraction or in %" if kind == "contraction" else ""
+    if hint and unit_size(one.unit, "length") is not None:
+        raise InputError(f"{one} has the unit of a length{hint}: write the length L in its place")
+    if any(map(str.isdigit, one.unit)):
+        hint = ": convert it to a plain unit if it counts multiples, or name the column without its range"
     raise InputError(
         f"{one} has {lacks}{hint}; known units of {kind} are {', '.join(every)}{meant(one.unit, every)}: "
         f"specify the unit with {remedy_for(quantity, f'{one.title} [{every[0]}]')}"
@@ -264,6 +268,10 @@ def _missing(quantity: str, held: Sequence[Column]) -> InputError:
     ]
     known = [f"{quantity}_{unit}" for unit in UNITS.get(kind, {})]
     example = "1 [N]" if held[0].name == "column 1" else "NAME [unit]"
+    if quantity == "length" and any(one.quantity == "displacement" for one in held):
+        near.append(
+            "a displacement is no length: add a column with the rest length minus the shortening"
+        )
     return InputError(
         f"no column for {quantity}{': ' * bool(near)}{'; '.join(near)}; the table has "
         f"{', '.join(shortened(one.name)[1:-1] for one in held)}: name the column with its unit, such as "
@@ -311,6 +319,7 @@ def _of_sheet(sheet: Sheet, asked: Asked) -> Table:
         return any(":" in cell for cell in cells[place][: _cells.NEAREST])
 
     found = _find_all(sheet, asked, clock)
+    _check_summaries(cells, lines)
     values = {
         quantity: clock_seconds(_dated(one.place, names, cells), one)
         if quantity == "time" and clock(one.place)
@@ -323,10 +332,12 @@ def _of_sheet(sheet: Sheet, asked: Asked) -> Table:
         quantity = next(quantity for quantity, column in values.items() if np.isnan(column[k]))
         cell = cells[found[quantity].place][k]
         fault = f"{shortened(cell)}, not a number" if cell else "missing"
-        raise InputError(
-            f"row {lines[k]}: {quantity} is {fault}; remove the row, or write the reading with a decimal "
-            "point and without thousands separators"
-        )
+        how = "fill in the cell"
+        if cell:
+            how = (
+                "write the reading with a decimal point, and without thousands separators or a unit"
+            )
+        raise InputError(f"row {lines[k]}: {quantity} is {fault}; remove the row, or {how}")
     if bad.all():
         raise InputError("no row has numbers in all required columns")
     others = {}
@@ -341,6 +352,24 @@ def _of_sheet(sheet: Sheet, asked: Asked) -> Table:
     return Table(
         _in_si(kept, found, asked), taken, others, lines[~bad], unread, comments=sheet.comments
     )
+
+
+def _check_summaries(cells: Sequence[Sequence[str]], lines: np.ndarray) -> None:
+    """Reject rows that a label such as Mean marks as summaries of the readings."""
+    for column in cells:
+        labels = {
+            cell for cell in set(column) if cell.casefold().strip(" .:()") in _headers.SUMMARIES
+        }
+        rows = (
+            [line for line, cell in zip(lines, column, strict=True) if cell in labels]
+            if labels
+            else []
+        )
+        if 0 < 2 * len(rows) < len(column):
+            label = next(cell for cell in column if cell in labels)
+            raise InputError(
+                f"row {rows[0]} is labelled {label!r}, so it is no reading: remove such rows"
+            )
 
 
 def _dated(place: int, names: Sequence[str], cells: Sequence[Sequence[str]]) -> Sequence[str]:

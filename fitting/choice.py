@@ -203,7 +203,7 @@ def choose(
     families = [fit for _, fit in told if isinstance(fit, Fitted)]
     for why in dict.fromkeys(one for _, one in told if isinstance(one, str)):
         dropped += (
-            f"Left out: {'; '.join(one.name for one, of in told if of == why)}. Reason: {why}",
+            f"Set aside: {'; '.join(one.name for one, of in told if of == why)}. Reason: {why}",
         )
     if not families:
         raise InputError(_NO_FORCE)
@@ -294,7 +294,7 @@ def choice_as_dict(choice: Choice) -> dict[str, Any]:
         "chosen": choice.name,
         "clear": choice.clear,
         "open_question": choice.open_question or None,
-        "left_out": list(choice.dropped),
+        "set_aside": list(choice.dropped),
         "tried": [
             {
                 "family": one.candidate.name,

@@ -11,6 +11,7 @@ from .catalogue import (
     swaged_bore as swaged_bore,
 )
 from .report import (
+    design_card as design_card,
     design_document as design_document,
     design_rows as design_rows,
     exclusion_rows as exclusion_rows,

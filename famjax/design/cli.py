@@ -42,8 +42,8 @@ def design(
     """Search a catalogue of braids, bladders and tubes for a muscle that meets your requirements.
 
     Writes `design.json` (Pareto front, refined design with its end-fitting, number of candidates that
-    each requirement excludes) and `feasible.csv`. If no candidate is feasible, prints the nearest miss
-    and exits with code 1.
+    each requirement excludes), `feasible.csv`, and the refined design as a muscle card, `card.json`. If
+    no candidate is feasible, prints the nearest miss and exits with code 1.
 
     Parameters
     ----------
@@ -80,8 +80,10 @@ def design(
     from famjax.compilation_cache import start_jax
 
     start_jax()
+    from famjax.cards import write_card
+
     from .catalogue import load_catalogue
-    from .report import design_document, feasible_table, summary
+    from .report import design_card, design_document, feasible_table, summary
     from .search import DEFAULT_OBJECTIVES, Requirement, search as search_catalogue
 
     place = Output(output)
@@ -99,6 +101,8 @@ def design(
     document["origin"] = Origin.of_this_command().as_dict()
     files = {"feasible.csv": feasible_table(found, system=units)} if found.refined else {}
     paths = place.write({"design.json": document, **files})
+    if (card := design_card(found)) is not None:
+        paths.append(write_card(card, output / "card.json"))
     code = 0 if found.refined else 1
     if json_:
         print_json(document)

@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 from ..boundary.units import Row, entry, factor, unit_system
 from ..braids import turns_from_angle
+from ..cards import MuscleCard, Provenance
+from ..continuation import Region
+from ..muscle import MountedMuscle
 from .search import COLUMNS, CONSTRAINTS, Search
 
 
@@ -102,6 +105,23 @@ def design_document(found: Search, *, system: str) -> dict[str, Any]:
         "exclusions": exclusion_rows(found, system=system),
         "nearest": [] if refined else design_rows(found, found.nearest, system=system),
     }
+
+
+def design_card(found: Search) -> MuscleCard | None:
+    """Return a card of the refined design for simulators; None if no candidate is feasible.
+
+    The card covers the design's stroke and the pressures up to its own. It has no errors, because nothing
+    was measured.
+    """
+    if found.refined is None or found.muscle is None:
+        return None
+    pair, length = found.pairs[found.refined["pair"]], found.refined["rest_length"]
+    lengths = length * (1 - found.refined["contraction"]), length
+    return MuscleCard(
+        f"{pair.bladder.name}, {pair.braid.name}", (MountedMuscle(found.muscle, 0.0),), np.ones(1),
+        Region.of(lengths, (0.0, found.refined["pressure"])),
+        provenance=Provenance(notes=["designed by famjax design, not measured"]),
+    )  # fmt: skip
 
 
 def feasible_table(found: Search, *, system: str) -> bytes:

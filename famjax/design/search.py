@@ -285,6 +285,7 @@ class Search:
         front: indices of the candidates on the Pareto front, starting with the most balanced design.
         refined: columns for the most balanced design after refinement between the grid points, and its
             `gain`, the reduction in the weighted sum of costs; None if no candidate is feasible.
+        muscle: muscle of the refined design, or None.
     """
 
     requirement: Requirement
@@ -296,6 +297,7 @@ class Search:
     margins: Floats
     front: NDArray[np.int64]
     refined: dict[str, Any] | None
+    muscle: Muscle | None = None
 
     @property
     def feasible(self) -> NDArray[np.int64]:
@@ -398,7 +400,9 @@ def search(
     at = front_members(costs, FRONT_STEP)
     at = at[np.argsort(costs[at] @ balance(costs[at]), kind="stable")]
     refined = _refined(found, costs[at], int(feasible[at[0]]), stacked, asked)
-    return dataclasses.replace(found, front=feasible[at], refined=refined)
+    own: Combination = jax.tree.map(lambda values: values[refined["pair"]], stacked)
+    muscle = dataclasses.replace(own, rest_length=jnp.asarray(refined["rest_length"])).muscle
+    return dataclasses.replace(found, front=feasible[at], refined=refined, muscle=muscle)
 
 
 def _buildable_pairs(

@@ -80,7 +80,8 @@ class StaticMap:
         if not kept.any():
             raise InputError(
                 f"all {self.slack.size} rows of the map are slack (below "
-                f"{self.points.slack_below:.4g} N): check the force column, or lower slack_below"
+                f"{self.points.slack_below:.4g} N): check that pulling forces are positive, or lower the "
+                "limit with --slack-below-N (slack_below in Python)"
             )
         std = self.force_std[kept]
         noisy = bool((std > _LEAST_STD * self.force.max()).all())

@@ -116,6 +116,12 @@ MAPS: dict[str, tuple[object, dict[str, str]]] = {
     "--column": ("Kanal 1;Kanal 2;Kanal 3\n" + rows("{};{};{}", sign=","),
                  {"pressure": "Kanal 1 [kPa]", "length": "kanal 2 [mm]", "force": "3 [N]"}),
     "no header": (rows("{} {} {}"), {"pressure": "1 [kPa]", "length": "2 [mm]", "force": "3 [N]"}),
+    "index of pandas": (",pressure_kPa,length_mm,force_N\n" + "".join(f"{k},{P},{L},{F}\n" for k, (P, L, F) in enumerate(MAP)), {}),
+    "row names of R": ('"pressure_kPa"\t"length_mm"\t"force_N"\n' + "".join(
+        f'"{k}"\t{P}\t{L}\t{F}\n' for k, (P, L, F) in enumerate(MAP, 1)), {}),
+    "table of pandas as text": ("   pressure_kPa  length_mm  force_N\n" + "".join(
+        f"{k:<4}  {P:8}  {L:8}  {F:8}\n" for k, (P, L, F) in enumerate(MAP)), {}),
+    "names after a percent sign": ("% pressure_kPa length_mm force_N cycle\n" + rows("{} {} {} 1"), {}),
     "header of NumPy": ("# pressure_kPa length_mm force_N\n" + rows("{:.18e} {:.18e} {:.18e}"), {}),
     "footer": ("Pressure (kPa);Length (mm);Force (N)\n" + rows("{};{};{}") + "End of test\n", {}),
     "commented reading": ("pressure_kPa,length_mm,force_N\n# 900,900,900\n" + rows("{},{},{}"), {}),
@@ -225,6 +231,18 @@ REFUSED: dict[str, tuple[Callable[..., object], object, str]] = {
             ("milli or mega", "pressure_mPa", "unknown unit 'mPa'"),
         )
     },
+    "map: row that no name is left for": (
+        read_csv, "Pressure (kPa);Length (mm);Force (N)\n" + rows("7;{};{};{}"), "4 numbers, but the header has 3 names"),
+    "map: a mean below": (read_csv, "Test,Pressure (kPa),Length (mm),Force (N)\n" + rows("1,{},{},{}") + "Mean,180,244,540\n",
+                          "row 7 is labelled 'Mean', so it is no reading"),
+    "map: units of 100 N": (read_csv, "Pressure (kPa),Length (mm),Force (100 N)\n" + rows("{},{},{}"), "multiples"),
+    "map: units of 0.1 N": (read_csv, "Pressure (kPa);Length (mm);Force, 0.1 N\n" + rows("{};{};{}"), "different quantity"),
+    "map: divided": (read_csv, "Pressure (kPa);Length (mm);Force (N), 1:10\n" + rows("{};{};{}"), "different quantity"),
+    "map: 1.100 between whole numbers": (
+        read_csv, "Druck [mbar]\tLänge [mm]\tKraft [N]\n350\t296\t0\n1.100\t296\t179\n", "--column decimal=,"),
+    "map: contraction in mm": (read_csv, "Pressure (kPa),Contraction (mm),Force (N)\n" + rows("{},{},{}"), "write the length L"),
+    "map: displacement": (read_csv, "Pressure (kPa),Displacement (mm),Force (N)\n" + rows("{},{},{}"), "a displacement is no length"),
+    "log: serial monitor": (read_machine_log, "".join(f"10:22:11.{k}00 -> {k},{k}.5,{k}\n" for k in range(9)), "serial monitor"),
     "map: peak": (read_csv, "Pressure (kPa),Length (mm),Peak Load (N)\n" + rows("{},{},{}"), "is a peak"),
     "map: counter": (read_csv, "Pressure (kPa),Length (mm),Load count\n" + rows("{},{},{}"), "is a counter"),
     "map: fractions called percent": (
@@ -241,7 +259,7 @@ REFUSED: dict[str, tuple[Callable[..., object], object, str]] = {
     "map: mixed signs": (read_csv, "Pressure (kPa);Length (mm);Force (N)\n100.5;250;1,5\n200;250;3\n", "--column decimal=,"),
     "map: 1,234": (read_csv, "Pressure (kPa);Length (mm);Force (N)\n100;250;1,234\n200;250;2,345\n", "--column decimal=,"),
     "map: commas between commas": (read_csv, "Pressure (kPa),Length (mm),Force (N)\n100,5,250,0,30,5\n200,5,250,0,41,5\n",
-                                   "extra commas may be decimal"),
+                                   "export the table with semicolons"),
     "map: thousands between commas": (read_csv, "Pressure (kPa),Length (mm),Force (N)\n100.5,250.5,1,030.5\n200.5,250.5,1,041.5\n",
                                       "decimal or thousands separators"),
     "map: HTML": (read_csv, "<html><table><tr><td>1</td></tr></table></html>", "save it as .xlsx or CSV"),

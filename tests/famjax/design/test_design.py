@@ -269,6 +269,13 @@ def test_the_refined_design_keeps_to_everything_and_is_better():
     assert end["stroke"] == pytest.approx(ASKED.stroke, rel=1e-6)
     assert end["force"] == pytest.approx(ASKED.force, rel=1e-6)
     assert of_all.columns["air"][first] > end["air"]
+    card = famjax.design.design_card(of_all)
+    pull = card.muscle.force(end["rest_length"] - ASKED.stroke / 2, end["pressure"])
+    own = of_all.muscle.force(end["rest_length"] - ASKED.stroke / 2, end["pressure"])
+    assert pull == pytest.approx(float(own), rel=1e-6)
+    assert card.muscle.force(end["rest_length"], end["pressure"]) == pytest.approx(
+        end["force"], rel=1e-5
+    )
 
 
 @pytest.mark.parametrize(
