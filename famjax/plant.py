@@ -38,7 +38,7 @@ CRACKING = 1e3  # Pa: range of pressure over which a relief valve opens
 TICK = 2e-3  # period of the device's controller [s]
 _GAMMA = 1 - math.sqrt(0.5)  # coefficient of the stages
 _MOST_STEPS = 30  # limit of Newton's method
-_SHORT = 20  # most steps of an inner loop of a simulation
+_SHORT = 50  # most steps of an inner loop of a simulation
 _BAR = 1e5  # Pa, scale of a pressure
 
 
@@ -697,6 +697,8 @@ def _simulated(plant: Any, commands: Command, dt: RealArray, start: Any) -> Any:
     (count,) = {leaf.shape[0] for leaf in jax.tree.leaves(commands) if leaf.ndim}
     each = jax.tree.map(lambda x: x if x.ndim else jnp.broadcast_to(x, (count,)), commands)
 
+    # For a gradient, each step is computed again, because loops that carry little data run faster.
+    @functools.partial(jax.checkpoint, prevent_cse=False)
     def step(state: Any, command: Command) -> tuple[Any, Any]:
         after = plant.step(state, command, dt)
         return after, after
