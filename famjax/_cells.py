@@ -23,7 +23,7 @@ from ._stamps import STAMP
 from .boundary.errors import InputError
 
 MOST_BYTES = 500e6  # limit of a file, and of an unpacked workbook
-_MOST_CELLS = 20e6  # limit of a sheet
+_MOST_CELLS = 5e6  # limit of a sheet
 _SAMPLE = 2000  # number of lines from which delimiter and decimal sign are determined
 NEAREST = 6
 """Number of rows searched for names above the numbers, and of first readings checked in a column."""
@@ -106,8 +106,12 @@ def check_workbook(data: bytes) -> None:
                     "the workbook defines XML entities, as no spreadsheet program does: save it as CSV"
                 )
             places = re.findall(rb'<(?:\w+:)?c\s[^>]*?r="([A-Z]+)(\d+)"', content)
-            width, rows = (max(map(f, places), default=0) for f in (_width, lambda at: int(at[1])))
-            if width * rows > _MOST_CELLS:
+            width, rows = (max(map(f, places), default=1) for f in (_width, lambda at: int(at[1])))
+            rows = max(
+                map(int, re.findall(rb'<(?:\w+:)?row\s[^>]*?r="(\d+)"', content)), default=rows
+            )
+            cells = max(width * rows, len(re.findall(rb"<(?:\w+:)?c[\s>/]", content)))
+            if cells > _MOST_CELLS:
                 raise InputError("a sheet in the workbook is too large: save the table as CSV")
 
 

@@ -117,7 +117,10 @@ def _private_folder(folder: Path) -> bool:
         found = folder.stat()
         if hasattr(os, "getuid") and found.st_uid != os.getuid():
             return False
-        if stat.S_IMODE(found.st_mode) & 0o077:
+        mode = stat.S_IMODE(found.st_mode)
+        if mode & 0o022:  # others may have put programs there
+            return False
+        if mode & 0o055:
             folder.chmod(0o700)
     except OSError:
         return False

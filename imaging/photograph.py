@@ -54,12 +54,10 @@ def read_image(path: str | PathLike[str]) -> Image:
         data = Path(place).read_bytes()
     except OSError as error:
         raise UnreadableImage(f"cannot read the file: {error.strerror}", path=place) from error
-    if _too_large(data):
-        raise UnreadableImage(
-            "a picture may have at most 178 Mpx, but its header states a larger size", path=place
-        )
     if place.lower().endswith(HEIC):
         return _read_heic(place)
+    if fault := _header_fault(data):
+        raise UnreadableImage(fault, path=place)
     image, complaint = _decoded(data)
     if image is None or "premature end" in complaint.lower():
         raise UnreadableImage(
@@ -94,17 +92,22 @@ def _read_heic(path: str) -> Image:
         ) from None
 
 
-def _too_large(data: bytes) -> bool:
-    """Return True if the header states more pixels than Pillow's decompression-bomb limit."""
+def _header_fault(data: bytes) -> str:
+    """Return what is wrong with the header of a picture; "" if nothing is.
+
+    The largest picture is the one below Pillow's decompression-bomb limit.
+    """
     from PIL import Image as Pictures  # noqa: PLC0415
 
-    with warnings.catch_warnings(), contextlib.suppress(OSError, SyntaxError, ValueError):
+    with warnings.catch_warnings():
         warnings.simplefilter("ignore", Pictures.DecompressionBombWarning)
         try:
             Pictures.open(io.BytesIO(data)).close()
         except Pictures.DecompressionBombError:
-            return True
-    return False
+            return "a picture may have at most 178 Mpx, but its header states a larger size"
+        except (OSError, SyntaxError, ValueError):
+            return "the file must contain a complete picture: copy it again, or export it as JPEG"
+    return ""
 
 
 def _decoded(data: bytes) -> tuple[Image | None, str]:
@@ -141,7 +144,11 @@ def _header(path: str | PathLike[str]) -> tuple[list[tuple[int, int]], dict[int,
     from PIL import Image  # noqa: PLC0415
 
     unreadable = OSError, SyntaxError, ValueError, Image.DecompressionBombError
-    with contextlib.suppress(*unreadable), Image.open(path) as picture:
+    with (
+        warnings.catch_warnings(action="ignore"),
+        contextlib.suppress(*unreadable),
+        Image.open(path) as picture,
+    ):
         # Other formats store EXIF after the pixels.
         has_exif = "exif" in picture.info or picture.format == "TIFF"
         tags = picture.getexif() if has_exif else Image.Exif()

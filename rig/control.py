@@ -14,6 +14,7 @@ from .calibration import READINGS, Calibration, calibration_as_dict, pressure_te
 from .channels import (
     HELD,
     LOOK,
+    REST_PRESSURE,
     FlowWatch,
     check_channels,
     device_status,
@@ -244,6 +245,8 @@ class Rig:
         self.settings = RigSettings(**settings)
         self.settings.commands(calibration)  # raises before the port is used
         self._watch = FlowWatch()
+        self._wanted: dict[str, Any] = {}
+        self._boot: int | None = None
         self.lost, self.set_point = 0, math.nan
         self.unseen: tuple[str, ...] = ()
         self._journal = journal
@@ -339,6 +342,8 @@ class Rig:
                 case Silent(seconds):
                     what = f"has been silent for {seconds:.1f} s and vents by itself"
                     self.fault(f"the device {what}; check the cable")
+        if wrong := self._wrong_settings():
+            self.fault(f"the settings of the device changed: {', '.join(wrong)}; it will now vent")
         newest, since = self.link.newest, self._active_from
         if newest is None:
             return
@@ -385,8 +390,8 @@ class Rig:
             if link.now > until:
                 raise RigFault("the device does not report its settings: check the cable")
             link.sleep(LOOK)
-        found, wanted = lasting(stored), stored_settings(commands)
-        if wrong := [f"{k} {found[k]} not {v}" for k, v in wanted.items() if found[k] != v]:
+        self._wanted, self._boot = stored_settings(commands), stored.boot
+        if wrong := self._wrong_settings():
             raise RigFault(
                 f"the device did not accept its settings: {', '.join(wrong)}; upload the firmware again"
             )
@@ -395,6 +400,15 @@ class Rig:
             "rig", **self.settings.as_note(calibration), unseen=self.unseen,
             trip_counts=stored.trip, jump_counts=stored.jump, hello=hello._asdict(),
         )  # fmt: skip
+
+    def _wrong_settings(self) -> list[str]:
+        """Return the settings in which the device differs from the plan, as "silence 5000 not 500"."""
+        session, wanted = self.link.session, self._wanted
+        stored = session.settings
+        if stored is None or not session.settings_known or stored.boot != self._boot:
+            return []  # not known; a reset is reported as such
+        found = lasting(stored)
+        return [f"{k} {found[k]} not {v}" for k, v in wanted.items() if found[k] != v]
 
     def _left_by_itself(self, record: Sample) -> NoReturn:
         """Report why the device stopped; for a trip, with the reading and the output at that moment."""
@@ -407,7 +421,7 @@ class Rig:
             trip = {"cause": fault, "tick": status.tripped_at, "counts": status.tripped_count,
                     "output": status.tripped_output}  # fmt: skip
         state = STATES[record.state]
-        self.fault(f"the device went to {state} by itself: {said}; it has vented", **trip)
+        self.fault(f"the device went to {state} by itself: {said}; it vents", **trip)
 
     def fault(self, what: str, **trip: object) -> NoReturn:
         """Stop the heartbeats, note a fault and raise it as `RigFault`: the device vents."""
@@ -419,7 +433,26 @@ class Rig:
     def _activate(self, verb: str, *values: float) -> None:
         self.link.keep_alive()
         self._active_from = None
-        self._active_from = self.link.command(verb, *values).seq
+        try:
+            self._active_from = self.link.command(verb, *values).seq
+        except RigError:
+            if (status := device_status(self.link)).state == TRIP:
+                self.fault(f"the device tripped: {trip_text(status, self.calibration)}; it vents")
+            raise
+
+    def _not_vented(self) -> str | None:
+        """Wait while the pressure falls with the dump valve open; return a warning if some remains."""
+        before, record = math.inf, None
+        while REST_PRESSURE < self.pressure < 0.9 * before and self.link.newest is not record:
+            before, record = self.pressure, self.link.newest
+            self.link.sleep(1.0)
+        if not self.pressure > REST_PRESSURE or self.link.newest is record:
+            return None
+        reading = pressure_text(self.pressure, self.settings.unit)
+        return (
+            f"the dump valve is open, but the transducer still reads {reading}: close the supply, and vent "
+            "the rig by hand before you touch it"
+        )
 
     def _leave(self, error: BaseException | None) -> None:
         """Vent, note how the test ended, and detach the journal."""
@@ -435,6 +468,8 @@ class Rig:
             )
         finally:
             self.link.settle(SETTLE if failure is None else 0.0)
+            if failure is None and (left := self._not_vented()) is not None:
+                failure = RigFault(left)
             reason = "complete" if error is None else f"{type(error).__name__}: {error}"
             self.note("end", reason=reason, confirmed=failure is None)
             self.link.attach(None)

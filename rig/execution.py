@@ -111,6 +111,11 @@ def _resumed_block(record: Record, test: PlanFile, calibration: Calibration) -> 
     now = {"plan": repr(test.plan), **test.settings.as_note(calibration)}
     begun = {k: v for kind in ("plan", "rig") for n in record.notes_of(kind) for k, v in n.items()}
     wanted = json.loads(json.dumps(now))  # as a journal holds it
+    if "plan" not in begun or "pressure_limit_Pa" not in begun:
+        raise RigError(
+            f"{record.path} cannot be resumed: its note of the plan or the settings is damaged or missing. "
+            "Record to another folder"
+        )
     apart = [name for name, value in wanted.items() if begun.get(name, value) != value]
     if apart:
         raise RigError(

@@ -6,6 +6,7 @@ A step is repeated only if its inputs have changed, so an interrupted run can be
 import dataclasses
 import hashlib
 import json
+import os
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -129,6 +130,10 @@ class Sheet:
             InputError: the file is missing.
         """
         path = self.folder / name
+        if not Path(os.path.abspath(path)).is_relative_to(os.path.abspath(self.folder)):
+            raise InputError(
+                f"{self.folder / SHEET} refers to {name}, outside its folder: copy the file into the folder"
+            )
         if not path.exists():
             raise InputError(
                 f"{self.folder / SHEET} refers to {name}, which is not in {self.folder}"
@@ -235,6 +240,10 @@ class Steps:
             return
         self._tell(f"{name} ...")
         if known.get("key") != self._key and place.exists():
+            if place.is_symlink() or (not known and any(place.iterdir())):
+                raise InputError(
+                    f"{place} must be a folder written by this command, but has no {MARK}: move it"
+                )
             shutil.rmtree(place)
         place.mkdir(parents=True, exist_ok=True)
         mark.write_text(json.dumps({"key": self._key}), encoding="utf-8")

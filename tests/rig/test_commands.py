@@ -251,3 +251,5 @@ def test_only_the_same_test_is_resumed(old, new, what, simulated, tmp_path, comm
         assert ("cannot open the port" in err, "duration 19 s" in out) == (True, True)  # one of two
     plan.write_text(plan.read_text().replace(old, new))
     refused(f"it was started with a different {what}.", *typed)
+    journal.write_bytes(b"".join(line for line in lines[: second + 1] if b"Isobaric(" not in line))
+    refused("note of the plan or the settings is damaged", *typed)

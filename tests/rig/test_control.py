@@ -240,6 +240,20 @@ def test_a_reset_of_the_device_stops_the_plan(path):
     assert read_journal(path).notes_of("reset")[0]["new"] == 1
 
 
+def test_settings_that_change_in_a_test_and_a_rig_that_does_not_vent_are_told(path):
+    with pytest.raises(RigFault, match="silence 5000 not 500"), held(path) as rig:
+        rig.link.rig.device._control.silent = 5000
+        rig.wait(2.0)
+    with (
+        pytest.raises(RigFault, match="close the supply"),
+        opened(SimulatedRig()) as rig,
+    ):
+        rig.set_pressure(40 * PSI)
+        rig.wait(3.0)
+        step = rig.link.rig.plant.step
+        rig.link.rig.plant.step = lambda _signal, _dump, length: step(0.502, 0.0, length)
+
+
 def test_a_killed_or_suspended_host_vents_in_1_05_s_and_the_record_is_whole(path):
     """Whatever another host has set on a board that was not reset. The kernel keeps what comes in."""
     sim = SimulatedRig()
