@@ -49,7 +49,7 @@ def identify(
     pass through the convex programme (variable projection).
 
     Args:
-        data: the force map; slack readings are censored.
+        data: the force map; see `censored` for slack readings.
         law: "polynomial", "ogden", "mooney-rivlin", "saturating", "neo-hookean" or
             "yeoh"; or your own subclass of `famjax.materials.AbstractMaterial`, whose parameters are
             declared with `famjax.parameter`, given as a class, an instance, or "module:Class".

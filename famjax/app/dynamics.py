@@ -177,6 +177,12 @@ def _system(
         print(f"note: {note}", file=sys.stderr)
     muscle = opened.safe()
     length = float(muscle.rest_length) if load.length is None else load.length
+    low, high = (float(one) for one in muscle.stops())
+    if not low <= length <= high:
+        raise InputError(
+            f"{plan}: [load] for this muscle, the length at the start must be {1e3 * low:.4g} to "
+            f"{1e3 * high:.4g} mm, got {1e3 * length:.4g} mm"
+        )
     relaxed = length if load.relaxed is None else load.relaxed
     moved = DrivenLength() if load.mass is None else MovingLoad.hung(
         load.mass, stiffness=load.stiffness, relaxed=relaxed, damping=load.damping

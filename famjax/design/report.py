@@ -155,7 +155,7 @@ def summary(found: Search, *, system: str) -> list[str]:
         column, side = CONSTRAINTS[row["constraint"]]
         unit = unit_system(system)[COLUMNS[column]]
         asked, best = (row[f"{key}_{unit}".rstrip("_")] for key in ("limit", "closest"))
-        reached = "unknown" if best is None else f"{best:.4g} {unit}".rstrip()
+        reached = "unknown" if best is None else f"{best:.6g} {unit}".rstrip()
         said.append(
             f"{row['excluded']:,} fail the {row['constraint'].replace('_', ' ')} requirement (at {side} "
             f"{f'{asked:.4g} {unit}'.rstrip()}), {row['alone']:,} of them only this one; the best "

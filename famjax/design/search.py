@@ -454,8 +454,9 @@ def _performance(
     if that is smaller. The free air for an isothermal stroke is ((P + P_a) V - P_a V0) / P_a.
     """
     muscle, rest = pair.muscle, pair.rest_length
-    at = jnp.minimum(jnp.maximum(asked["contraction"], asked["stroke"] / rest), usable)
     loaded = jnp.maximum(asked["force_contraction"], asked["force_stroke"] / rest)
+    at = jnp.maximum(jnp.maximum(asked["contraction"], asked["stroke"] / rest), loaded)
+    at = jnp.minimum(at, usable)
     blocked = pair.force(0.0, pressure)
     tension = thread_tension(
         blocked, pressure, pair.bladder_diameter / 2, pair.braid_angle, pair.n_threads

@@ -1,4 +1,4 @@
-"""Export muscles to C, FMU, tables, Python, MATLAB and Simulink, MuJoCo, MJX and StableHLO."""
+"""Export muscles to C, FMU, tables, Python, MATLAB and Simulink, MuJoCo and MJX."""
 
 import lazy_loader
 

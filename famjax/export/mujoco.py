@@ -88,12 +88,20 @@ class CompiledPlant:
 
 
 def _check_actuators(
-    mujoco: Any, model: Any, named: Mapping[int, str], offsets: Mapping[str, float]
+    mujoco: Any, model: Any, pulls: Mapping[str, Any], offsets: Mapping[str, float]
 ) -> None:
     """Raise an error for actuators through which a muscle would exert no force."""
-    for number, name in named.items():
+    for name, pull in pulls.items():
+        number = model.actuator(name).id
         if model.actuator_biastype[number] != mujoco.mjtBias.mjBIAS_USER:
             raise ValueError(f'the actuator {name} must have biastype="user" to exert a force')
+        user = model.actuator_dyntype[number] == mujoco.mjtDyn.mjDYN_USER
+        if isinstance(pull, CompiledPlant) and model.actuator_actnum[number] != len(pull.state):
+            raise ValueError(
+                f'for a plant, the actuator {name} must have dyntype="user" actdim="{len(pull.state)}"'
+            )
+        if user and not isinstance(pull, CompiledPlant):
+            raise ValueError(f'the actuator {name} has dyntype="user": pass a CompiledPlant for it')
         of_tendon = model.actuator_trntype[number] == mujoco.mjtTrn.mjTRN_TENDON
         first = model.tendon_adr[model.actuator_trnid[number][0]] if of_tendon else 0
         fixed = of_tendon and model.wrap_type[first] == mujoco.mjtWrap.mjWRAP_JOINT
@@ -127,7 +135,7 @@ def install(
 
     numbers = {model.actuator(name).id: name for name in pulls}
     added = {number: float((offsets or {}).get(name, 0.0)) for number, name in numbers.items()}
-    _check_actuators(mujoco, model, numbers, offsets or {})
+    _check_actuators(mujoco, model, pulls, offsets or {})
     wanted = {number: pulls[name] for number, name in numbers.items()}
     states, names = model.actuator_actadr.tolist(), model.names
 
@@ -264,7 +272,8 @@ def mujoco_files(subject: Subject) -> dict[str, bytes]:
         state = f"{rest.pressure} 0 0 0{' 0' * memory}"
         key = f'ctrl="{resting_signal(subject.plant)!r}" act="{state}"'
     code = [*map(inspect.getsource, _WRITTEN), f"_LOADERS = {_LOADERS!r}"]
-    words = table_words(subject) | {"name": name, "CALLBACK": "\n\n".join(code)}
+    pull = "PULL" if subject.plant is None else f'CompiledPlant("{name}.so", "{name}")'
+    words = table_words(subject) | {"name": name, "CALLBACK": "\n\n".join(code), "USED": pull}
     module = filled("mujoco.py.in", words)
     return {f"{name}.xml": _hanging_load(subject, rest, actuator, key), f"{name}_mujoco.py": module}
 

@@ -218,7 +218,7 @@ def _nodes(muscle: Any, of: str, region: Region) -> tuple[dict[str, Numbers], Nu
                 raise InputError(
                     "the model is not smooth enough for a table: to be accurate to within "
                     f"{CLOSE:g} of the largest force, the table would need more than {_MOST[name]} "
-                    f"{name}s; export the model itself with --to jax or --to mjx"
+                    f"{name}s; export the model itself with --to mjx"
                 )
 
 

@@ -1,4 +1,4 @@
-"""Export targets: C, FMU, MATLAB, Python, tables and StableHLO; see `mujoco.py` for MuJoCo and MJX."""
+"""Export targets: C, FMU, MATLAB, Python and tables; see `mujoco.py` for MuJoCo and MJX."""
 
 import dataclasses
 import functools
@@ -8,11 +8,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
-from ..boundary.errors import InputError, import_extra
+from ..boundary.errors import InputError
 from ..boundary.files import check_output, write_all
 from ..plant import Plant, PneumaticCircuit
 from .circuits import filled, fmu, numbers_in_lines, plant_words
@@ -125,32 +123,9 @@ def mat_files(subject: Subject) -> Files:
     return {f"{subject.identifier}.mat": written.getvalue()}
 
 
-def jax_files(subject: Subject) -> Files:
-    """Write StableHLO for any number of states on CPU and CUDA, and `NAME_jax.py`, which loads it.
-
-    `NAME.stablehlo` computes the force, and `NAME_model.stablehlo` the model force without clipping.
-
-    Raises:
-        InputError: the package flatbuffers is missing, or JAX uses float32.
-    """
-    import_extra("flatbuffers", "simulators")
-    check_float64()
-    from jax import export as jax_export  # noqa: PLC0415 -- needs flatbuffers
-
-    name, muscle = subject.identifier, subject.muscle
-    states = jax.ShapeDtypeStruct(jax_export.symbolic_shape("states"), jnp.float64)
-    files = {}
-    for of, ask in ((name, muscle.force), (f"{name}_model", muscle.model_force)):
-        function = jax.jit(lambda *at, ask=ask: ask(*at))
-        program = jax_export.export(function, platforms=("cpu", "cuda"))(states, states)
-        files[f"{of}.stablehlo"] = bytes(program.serialize(vjp_order=1))
-    words = {"name": name, "HEADING": docstring(subject.about)}
-    return files | {f"{name}_jax.py": filled("jax.py.in", words)}
-
-
 TARGETS: dict[str, Callable[[Subject], Files]] = {
     "c": c_files, "fmu": fmu_files, "csv": csv_files, "mat": mat_files, "matlab": matlab_files,
-    "python": python_files, "mujoco": mujoco_files, "mjx": mjx_files, "jax": jax_files,
+    "python": python_files, "mujoco": mujoco_files, "mjx": mjx_files,
 }  # fmt: skip
 """Functions that create the files, by the names used in `famjax export --to`."""
 
@@ -194,12 +169,12 @@ def _grid(subject: Subject) -> tuple[dict[str, np.ndarray], list[str]]:
     force = asked(pull.force, L, P)
     true = asked(pull.force, 0.5 * (L[1:] + L[:-1]), 0.5 * (P[1:] + P[:-1]))
     straight = 0.25 * (force[1:, 1:] + force[:-1, 1:] + force[1:, :-1] + force[:-1, :-1])
-    off = np.abs(straight - true) / subject.errors.largest_force
+    off = np.abs(straight - true)
     about = [
         *subject.about_table,
-        f"errors of bilinear interpolation are below {off.max():.1e} of the largest force",
+        f"errors of bilinear interpolation are up to {off.max():.2g} N in the middle of a cell",
         "model_force_N is the model force without clipping: negative where the muscle is slack",
-        "the grid does not include the stops: use the exported C or MATLAB functions beyond it",
+        "the grid does not include the stops: use the exported C functions beyond it",
     ]
     grid = {
         "length_m": L, "pressure_Pa": P, "force_N": force,

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from famjax.export import Subject
     from fitting import Identification
 
-Target = Literal["c", "fmu", "csv", "mat", "matlab", "python", "mujoco", "mjx", "jax"]
+Target = Literal["c", "fmu", "csv", "mat", "matlab", "python", "mujoco", "mjx"]
 
 
 def is_fit(muscle: str) -> bool:
@@ -346,8 +346,6 @@ def export(
     mujoco: an XML model of a load hanging from the muscle, and the actuator callback.
 
     mjx: the muscle as a differentiable part of the MJX step; needs famjax.
-
-    jax: the model and its derivative as StableHLO; needs JAX but not famjax.
 
     Parameters
     ----------
