@@ -424,10 +424,11 @@ _LARGEST_FACTOR = 1.4
 
 
 class EndEffectGeometry(AbstractGeometry):
-    """A geometry with ends that do not contract: another geometry evaluated at the length L0 (1 - k eps).
+    """A geometry with rounded ends, which are part of the length but do not contract.
 
-    This is equivalent to a dead length l = L0 (1 - 1/k) at the ends; the strains in the remaining
-    length are k times as large. The dimension `volume` is that of a cylinder with the shortened length,
+    The cylinder between them is evaluated at the length L0 (1 - k eps). This is equivalent to a dead length
+    l = L0 (1 - 1/k) at the ends; the strains in the remaining length are k times as large. The dimension
+    `volume` is that of a cylinder with the shortened length,
     without the ends. The volume of the whole muscle changes by only 1/k of that amount.
 
     Attributes:

@@ -372,7 +372,7 @@ class YeohMaterial(AbstractHyperelastic):
 
 
 class OgdenMaterial(AbstractHyperelastic):
-    """The Ogden law with any number of terms.
+    """The Ogden law, with one or more terms.
 
     W = sum over p of mu_p / alpha_p (lambda_z^alpha_p + lambda_c^alpha_p + lambda_r^alpha_p - 3).
     Some programs use the factor 2 mu_p / alpha_p^2; their mu_p is alpha_p / 2 times the mu_p used here.

@@ -132,7 +132,7 @@ class Part(eqx.Module):
     def mounted(
         self, muscle: famjax.AbstractMuscle, parameters: np.ndarray
     ) -> famjax.MountedMuscle:
-        """Mount a muscle in the rig that these problem parameters [SI] describe."""
+        """Mount a muscle in the rig described by these problem parameters [SI]."""
         return famjax.MountedMuscle(muscle, *(parameters[list(self.rig)] if self.rig else (0.0,)))
 
 
@@ -173,7 +173,7 @@ class Problem:
 
     @property
     def lowest(self) -> Float[np.ndarray, " n"]:
-        """Lower bounds of the coefficients, shape (n,); at least 0 if they must be positive."""
+        """Lower bounds on the coefficients, shape (n,); at least 0 with constraint="positive"."""
         low = self.coefficient_min
         return np.maximum(low, 0.0) if self.constraint == "positive" else low
 

@@ -252,6 +252,7 @@ _ALONE = 0.98
 _TAKES_PART = {
     "deadband_pressure": "a deadband", "end_factor": "rounded ends", "end_length": "rounded ends",
     "braid_compliance": "a compliant braid", "series_compliance": "a compliant rig",
+    "rest_length": "a rest length fitted to within its rounding",
 }  # fmt: skip
 
 

@@ -30,7 +30,7 @@ RIG = ("series_compliance", "series_exponent")
 
 
 class MuscleFamily(eqx.Module):
-    """Models of one specimen as a function of named numbers.
+    """A family of models of one specimen, as a function of named parameters.
 
     A change in its arrays, as from one specimen to another, requires no recompilation; a change in its
     static fields (names, classes) does.

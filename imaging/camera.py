@@ -79,7 +79,7 @@ class Camera:
         return np.asarray(x * factor, float), np.asarray(y * factor, float)
 
     def pixels(self, X: ArrayLike, Y: ArrayLike, Z: ArrayLike) -> tuple[Array, Array]:
-        """Return the picture positions (u, v) [px] of the points X, Y, Z [m], Z > 0, broadcast shape."""
+        """Return the image coordinates (u, v) [px] of points (X, Y, Z) [m], Z > 0; arguments broadcast."""
         x, y = np.asarray(X, float) / Z, np.asarray(Y, float) / Z
         f = self.focal_px * (1 + self.k1 * (x**2 + y**2))
         return np.asarray(self.centre[0] + f * x, float), np.asarray(self.centre[1] + f * y, float)

@@ -73,7 +73,7 @@ def on_cylinder(
     camera: Camera, body: Silhouette, y: Array, lateral: Array, radius: float,
     plane: tuple[float, float] = (0.0, 0.0),
 ) -> tuple[Array, Array]:  # fmt: skip
-    """Return the picture positions [px] of points on a cylinder around the axis, shape (lateral, y).
+    """Return the image coordinates [px] of points on a cylinder around the axis, shape (lateral, y).
 
     If the plane of the edge is not perpendicular to the axis, y is the position of the edge's middle.
     """
@@ -496,7 +496,7 @@ class Axis(NamedTuple):
 
 
 def depth_of_axis(body: Silhouette, upper: Ring, lower: Ring) -> Depth:
-    """Return tilt and distance from the leans of both tapes' edges.
+    """Compute the tilt and the distance from the inclinations of the edges of both tapes.
 
     If the picture is unrolled about an upright cylinder at the correct distance, a ring square to the axis
     becomes a straight line. The front of a leaning ring is lower by p sqrt(R^2 - X^2) at X across the axis.

@@ -293,7 +293,7 @@ class Waves:
         return float(f[0] + top * (f[1] - f[0])), float(power.max()) / max(total, 1e-30)
 
     def phase_across(self, n: float, rates: Array, harmonic: int) -> tuple[float, float]:
-        """Return the phase of a harmonic on the right relative to the left, minus that expected of n yarns.
+        """Return a harmonic's phase on the right relative to the left, minus the value for n yarns.
 
         Returns:
             The phase [rad], and how well all windows agree, 0 to 1.

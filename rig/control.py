@@ -123,7 +123,7 @@ class RigSettings:
         ranges = {"frozen_output": (1, 255), "frozen": (0.1, 2), "stall": (0.5, 30)}
         for name, (low, high) in ranges.items():
             if not low <= (value := getattr(self, name)) <= high:
-                raise RigError(f"{name} must be {low} to {high}, got {value}")
+                raise RigError(f"{name} must be between {low} and {high}, got {value}")
         return [
             ("hbms", (SILENCE_MS,)),
             ("tele", (TICKS_PER_RECORD,)),

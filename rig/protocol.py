@@ -306,7 +306,7 @@ def frame(body: str) -> bytes:
 
 
 def command_body(id_: int, verb: str, *values: float | str) -> str:
-    """Return the body of a command, with at most four decimals and no trailing zeros in numbers.
+    """Return the body of a command; numbers have at most four decimals and no trailing zeros.
 
     The device reads no more than four decimals. It stores and reports gains in steps of 1/256.
 

@@ -375,7 +375,7 @@ class SimulatedRig:
         return self.plant.force
 
     def write(self, data: bytes) -> None:
-        """Receive bytes that the host sends now."""
+        """Receive bytes from the host."""
         self.to_device.send(data, self.now)
 
     def read(self) -> bytes:

@@ -195,15 +195,11 @@ def _simulated_muscle(fit: Path | None) -> tuple["AbstractMuscle", dict[str, Any
             "name": "7/8 in, simulated", "wall_thickness_in": 0.0625, "bladder_diameter_in": 0.875,
             "braid_thickness_in": 0.011, "nominal_diameter_in": 0.875,
         }  # fmt: skip
-    from famjax import Muscle
-    from famjax.muscle import MeanMuscle
-    from fitting import load_fit
+    from fitting.saved import card_of, load_fit
 
     saved = load_fit(fit)
     specimen = saved.document["data"]["specimen"]
-    # The fitted model may be the mean of several.
-    others = tuple(one.muscle for one in saved.outlook.others if isinstance(one.muscle, Muscle))
-    return MeanMuscle((saved.muscle, *others)) if others else saved.muscle, {
+    return card_of(saved, count=0).safe(), {  # a slack muscle does not push
         key: value for key, value in specimen.items()
         if value is not None and not key.startswith("rest_length")
     }  # fmt: skip

@@ -117,7 +117,7 @@ def picture_checks(sheet: Sheet, table: Table) -> list[Check]:
     reasons = sorted({text.partition(":")[0] for text in table.error if text})
     measured = Check.of(
         "fraction of pictures that could be measured", float(np.mean(table.ok)), (0.9, 1.0),
-        say=f"Retake the pictures that failed; measurements.csv states the reasons ({', '.join(reasons)}).",
+        say=f"Retake the pictures that failed ({', '.join(reasons)}); measurements.csv has the details.",
     )  # fmt: skip
     found = [measured, *_diameter(sheet, table)]
     if sheet.records.machine_log is None:

@@ -34,7 +34,7 @@ _WORDS = {float: "a number", int: "a whole number", bool: "true or false", str: 
 
 @dataclasses.dataclass(frozen=True)
 class Form:
-    """Rules for writing the fields of a dataclass, and of nested dataclasses, in a file.
+    """Rules for writing the fields of a dataclass, including nested dataclasses, to a file.
 
     Attributes:
         kinds: kind of unit for each field that is a quantity. The key is the field's name and a unit,

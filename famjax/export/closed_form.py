@@ -3,6 +3,7 @@
 Statements use Python operators; for MATLAB, these are converted to element-wise operators.
 """
 
+import itertools
 import re
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
@@ -46,11 +47,12 @@ def _saturating(law: materials.SaturatingMaterial) -> Stress:
     return numbers, "E_inf * e - S * sign(e) * expm1(-abs(e) / s)"
 
 
-def _ogden(pairs: Iterable[tuple[Any, Any]]) -> Stress:
+def _ogden(pairs: Iterable[tuple[Any, Any]], about: Iterable[str] = ()) -> Stress:
     """Write a bladder law as a sum of Ogden terms, each with a modulus mu and an exponent alpha."""
+    meanings = itertools.chain(about, itertools.repeat("bladder law"))
     numbers, terms = {}, []
     for k, (modulus, exponent) in enumerate(pairs, 1):
-        numbers[f"mu_{k}"] = (float(modulus), "Pa, bladder law")
+        numbers[f"mu_{k}"] = (float(modulus), f"Pa, {next(meanings)}")
         numbers[f"alpha_{k}"] = (float(exponent), "-, bladder law")
         terms.append(f"mu_{k} * ((1 + e)**alpha_{k} - ((1 + e) * (1 + o))**-alpha_{k})")
     return numbers, " + ".join(terms)
@@ -60,7 +62,9 @@ _STRESSES: Mapping[type, Callable[[Any], Stress]] = {
     materials.PolynomialMaterial: _polynomial,
     materials.SaturatingMaterial: _saturating,
     materials.OgdenMaterial: lambda law: _ogden(zip(law.moduli, law.exponents, strict=True)),
-    materials.MooneyRivlinMaterial: lambda law: _ogden([(2 * law.c10, 2.0), (-2 * law.c01, -2.0)]),
+    materials.MooneyRivlinMaterial: lambda law: _ogden(
+        [(2 * law.c10, 2.0), (-2 * law.c01, -2.0)], ("Mooney-Rivlin law, 2 C10", "-2 C01")
+    ),
     materials.NeoHookeanMaterial: lambda law: _ogden([(law.shear_modulus, 2.0)]),
 }
 """Laws with a closed form: stress as a function of strain e in its own direction and o in the other."""

@@ -104,7 +104,7 @@ class _Motion:
         return np.interp(at, self.log.time, self.log.displacement)
 
     def known(self, at: np.ndarray) -> np.ndarray:
-        """Return True at times with a known position: within the log, or outside if the machine is at rest.
+        """Return True where the position is known: during the log, or outside it with the machine at rest.
 
         The machine is assumed at rest before (after) the log if it is at rest during the log's first
         (last) 1 %.
