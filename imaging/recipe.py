@@ -85,8 +85,8 @@ _CHECKS: tuple[tuple[str, float, type[errors.ImagingError], str], ...] = (
      "darker cloth"),
     ("eta_hue", 0.75, errors.AmbiguousHue, "tape and braid must differ in colour: use tape of a different "
      "colour"),
-    ("kappa", 5.9, errors.Underexposed, "one edge of the muscle is as dark as the cloth: light it from both sides. "
-     "If both sides were lit, the muscle moved: use a shorter exposure and retake the picture"),
+    ("kappa", 5.9, errors.Underexposed, "one edge of the muscle is as dark as the cloth: light both "
+     "sides. If both sides were lit, the muscle moved: use a shorter exposure and retake the picture"),
     ("blur_ratio", 1.6, errors.MotionBlurred, _SMEARED),
     ("blur_px", 3.5, errors.Defocused, "the muscle is out of focus: focus on its outline and "
      "retake the picture"),
