@@ -38,7 +38,7 @@ CRACKING = 1e3  # Pa: range of pressure over which a relief valve opens
 TICK = 2e-3  # period of the device's controller [s]
 _GAMMA = 1 - math.sqrt(0.5)  # coefficient of the stages
 _MOST_STEPS = 30  # limit of Newton's method
-_SHORT = 50  # most steps of an inner loop of a simulation
+_INNER = 3600  # bytes of states and commands in an inner loop of a simulation, at most
 _BAR = 1e5  # Pa, scale of a pressure
 
 
@@ -703,8 +703,11 @@ def _simulated(plant: Any, commands: Command, dt: RealArray, start: Any) -> Any:
         after = plant.step(state, command, dt)
         return after, after
 
-    # XLA makes one function of a short loop, and runs a long one operation by operation.
-    short = max(k for k in range(1, _SHORT + 1) if count % k == 0)
+    # XLA makes one function of a loop that carries little, and runs others operation by operation.
+    width = sum(x.nbytes for x in jax.tree.leaves(start)) + sum(
+        x.nbytes // count for x in jax.tree.leaves(each)
+    )
+    short = max(k for k in range(1, max(_INNER // width, 1) + 1) if count % k == 0)
     each = jax.tree.map(lambda x: x.reshape(count // short, short, *x.shape[1:]), each)
     states = jax.lax.scan(lambda state, some: jax.lax.scan(step, state, some), start, each)[1]
     return jax.tree.map(lambda x: x.reshape(count, *x.shape[2:]), states)
