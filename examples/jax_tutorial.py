@@ -31,7 +31,7 @@ for name, slope in slopes.items():
 print(f"free contraction grows by {1e5 * jax.grad(muscle.free_contraction)(5e5):.4f} per bar")
 
 # %% [markdown]
-# To compute a batch of bladder laws, apply `vmap` to the coefficients. With `throw=False`, the result is
+# To evaluate a batch of bladder laws, apply `vmap` to the coefficients. With `throw=False`, the result is
 # nan if a muscle has no equilibrium, so one such muscle does not stop the batch.
 
 

@@ -568,7 +568,7 @@ class MountedMuscle(AbstractMuscle):
         return at_each(one, as_real(length), as_real(pressure))
 
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """Return the length range [m] of the muscle, because the unloaded mountings do not deflect."""
+        """Return the length range [m] of the muscle alone: unloaded mountings do not deflect."""
         return self.muscle.length_range()
 
     def stops(self) -> Float[Array, "2"]:

@@ -687,7 +687,7 @@ def simulate(plant: Any, commands: Command, dt: Real, *, start: Any = None) -> A
     if len(counts) != 1:
         raise InputError(
             "commands need one value per step, and the same number of steps in signal, dump and drive; got "
-            f"the numbers {counts}"
+            f"step counts {counts}"
         )
     return _simulated(plant, commands, as_real(dt), plant.start() if start is None else start)
 

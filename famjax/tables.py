@@ -227,7 +227,7 @@ def _find(
     )
     hint = ": a contraction is (L0 - L)/L0, as a fraction or in %" if kind == "contraction" else ""
     if hint and unit_size(one.unit, "length") is not None:
-        raise InputError(f"{one} has the unit of a length{hint}: write the length L in its place")
+        raise InputError(f"{one} has the unit of a length{hint}: write the length L instead")
     if any(map(str.isdigit, one.unit)):
         hint = ": convert it to a plain unit if it counts multiples, or name the column without its range"
     raise InputError(
@@ -270,7 +270,7 @@ def _missing(quantity: str, held: Sequence[Column]) -> InputError:
     example = "1 [N]" if held[0].name == "column 1" else "NAME [unit]"
     if quantity == "length" and any(one.quantity == "displacement" for one in held):
         near.append(
-            "a displacement is no length: add a column with the rest length minus the shortening"
+            "a displacement is not a length: add a column with the rest length minus the shortening"
         )
     return InputError(
         f"no column for {quantity}{': ' * bool(near)}{'; '.join(near)}; the table has "
@@ -368,7 +368,7 @@ def _check_summaries(cells: Sequence[Sequence[str]], lines: np.ndarray) -> None:
         if 0 < 2 * len(rows) < len(column):
             label = next(cell for cell in column if cell in labels)
             raise InputError(
-                f"row {rows[0]} is labelled {label!r}, so it is no reading: remove such rows"
+                f"row {rows[0]} is labelled {label!r}, so it is not a reading: remove such rows"
             )
 
 
@@ -424,7 +424,7 @@ def _check_values(quantity: str, values: np.ndarray, one: Column, asked: Asked) 
 
 
 def check_time(table: Table, most: float = REPEATED) -> np.ndarray:
-    """Return a mask of the rows that are later than the previous row.
+    """Return a mask that is True for each row that is later than the one before.
 
     Args:
         table: table with a time column.

@@ -350,7 +350,7 @@ def of_parameters(result: Identification) -> list[Remark]:
     found: tuple[tuple[Any, int, str], ...] = (
         (beyond, 0, f"The values of {' and '.join(beyond)} describe an equivalent cylinder, which accounts "
          "for the rounded ends and the wall. They are not dimensions of the braid. The cylinder's volume "
-         "is not that of the muscle; only its changes in volume are."),
+         "differs from the muscle's; only the changes in volume agree."),
         (result.stopped, int(doubtful), f"{', '.join(result.stopped)}: at a bound. The data alone would "
          "place the value beyond the bound, so it has no standard error; the other standard errors are "
          "valid only for this value."),

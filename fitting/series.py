@@ -338,7 +338,7 @@ def _counting_alike(data: ForceData, of: Sequence[ForceData]) -> ForceData:
 def accounts(
     candidates: Sequence[Candidate], data: ForceData, said: Collection[str]
 ) -> tuple[Candidate, ...]:
-    """Select the families that can predict other lengths, with a deadband or a compliant rig.
+    """Select the families, with a deadband or a compliant rig, that can predict other lengths.
 
     Args:
         candidates: families of the ladder.

@@ -327,7 +327,7 @@ class ShapeSurface:
     def family(
         self, braid: famjax.braids.AbstractBraid, *, draw: int | None = None
     ) -> famjax.surfaces.SampledSurface:
-        """Return the surface with a braid: the fitted surface, or the draw with the number `draw`."""
+        """Return the surface with a braid: the fitted surface, or draw number `draw`."""
         both = self.diameters if draw is None else self.draws[draw]
         lengths = self.lengths * (1.0 if draw is None else self.draw_scales[draw])
         known = np.isfinite(self.pressures).all()

@@ -271,7 +271,7 @@ def _specimen_field(key: str, value: str) -> tuple[str, Any]:
         return key, value
     if key == "embedded":
         if value not in {"true", "false"}:
-            raise InputError(f"the specimen's embedded must be true or false, got {value!r}")
+            raise InputError(f"the specimen entry embedded must be true or false, got {value!r}")
         return key, value == "true"
     name, _, unit = key.rpartition("_")
     if name not in (*SPECIMEN_LENGTHS, "force_limit"):

@@ -436,7 +436,7 @@ def bootstrap(
     good = np.array([end.converged for end in ends]) & np.isfinite(samples).all(axis=1)
     if good.sum() < 2:
         raise InputError(
-            f"at least 2 of the {replicates} replicates must converge, but {good.sum()} did: fix a poorly "
+            f"at least 2 of {replicates} replicates must converge, but only {good.sum()} did: fix a poorly "
             "determined parameter"
         )
     return Bootstrap(

@@ -390,6 +390,6 @@ def common_size(paths: Sequence[str]) -> tuple[int, int] | None:
     if others:
         raise MixedSizes(
             "all pictures in a campaign must be the same size, because they share one scale; "
-            f"{most} have {usual[0]} x {usual[1]} px, unlike {some_of(others)}. Measure those separately"
+            f"{most} are {usual[0]} x {usual[1]} px, unlike {some_of(others)}. Measure those separately"
         )
     return usual

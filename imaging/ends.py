@@ -586,7 +586,7 @@ def axis_of(
         factor = 1 + turned / 2
         parts += [length * abs(turned) / 2, length * (abs(tilt) + abs(aside)) * depth.tilt_stderr]
         warnings.append(
-            f"the axis, or both tapes, lean in depth by {math.degrees(tilt):.1f} "
+            f"the axis, or both tapes, lean towards or away from the camera by {math.degrees(tilt):.1f} "
             f"+- {math.degrees(depth.tilt_stderr):.1f} deg, which changes the length by {abs(turned):.2%}: "
             "half of this was corrected and half is included in the error; set the axis upright and wind "
             "the tapes square to it"

@@ -54,7 +54,7 @@ ADVICE = {
     "silence": "the device received no line for a second; check the cable and the load on this computer",
     "over-pressure": "the pressure limit was reached, or the transducer is unplugged or has no supply",
     "jump": "the pressure jumped within 10 ms: a muscle or hose burst, the transducer is failing, or a "
-    "small muscle fills fast; only in the last case, raise jump_limit_<unit> in the plan's [rig]",
+    "small muscle filled quickly; only in the last case, raise jump_limit_<unit> in the plan's [rig]",
     "stall": "the pressure did not rise at full output; check the supply, hose, muscle and transducer",
     "watchdog": "the device's firmware hung; check its power supply",
     "range": "check for a broken wire, a short circuit, and an unplugged or unpowered transducer",
@@ -340,7 +340,7 @@ class Rig:
                     what = f"was reset (boot {old} to {new}, cause {cause}) and vents"
                     self.fault(f"the device {what}; check its power supply")
                 case Silent(seconds):
-                    what = f"has been silent for {seconds:.1f} s and vents by itself"
+                    what = f"has been silent for {seconds:.1f} s and will vent by itself"
                     self.fault(f"the device {what}; check the cable")
         if wrong := self._wrong_settings():
             self.fault(f"the settings of the device changed: {', '.join(wrong)}; it will now vent")

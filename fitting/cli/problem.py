@@ -1,4 +1,4 @@
-"""Solve, assess and judge the problem that the options of `famjax fit` or a `fit.json` describe."""
+"""Solve the problem that `famjax fit` options or a `fit.json` describe; assess and judge the fit."""
 
 import dataclasses
 import functools

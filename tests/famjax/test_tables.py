@@ -234,14 +234,14 @@ REFUSED: dict[str, tuple[Callable[..., object], object, str]] = {
     "map: row that no name is left for": (
         read_csv, "Pressure (kPa);Length (mm);Force (N)\n" + rows("7;{};{};{}"), "4 numbers, but the header has 3 names"),
     "map: a mean below": (read_csv, "Test,Pressure (kPa),Length (mm),Force (N)\n" + rows("1,{},{},{}") + "Mean,180,244,540\n",
-                          "row 7 is labelled 'Mean', so it is no reading"),
+                          "row 7 is labelled 'Mean', so it is not a reading"),
     "map: units of 100 N": (read_csv, "Pressure (kPa),Length (mm),Force (100 N)\n" + rows("{},{},{}"), "multiples"),
     "map: units of 0.1 N": (read_csv, "Pressure (kPa);Length (mm);Force, 0.1 N\n" + rows("{};{};{}"), "different quantity"),
     "map: divided": (read_csv, "Pressure (kPa);Length (mm);Force (N), 1:10\n" + rows("{};{};{}"), "different quantity"),
     "map: 1.100 between whole numbers": (
         read_csv, "Druck [mbar]\tLänge [mm]\tKraft [N]\n350\t296\t0\n1.100\t296\t179\n", "--column decimal=,"),
     "map: contraction in mm": (read_csv, "Pressure (kPa),Contraction (mm),Force (N)\n" + rows("{},{},{}"), "write the length L"),
-    "map: displacement": (read_csv, "Pressure (kPa),Displacement (mm),Force (N)\n" + rows("{},{},{}"), "a displacement is no length"),
+    "map: displacement": (read_csv, "Pressure (kPa),Displacement (mm),Force (N)\n" + rows("{},{},{}"), "a displacement is not a length"),
     "log: serial monitor": (read_machine_log, "".join(f"10:22:11.{k}00 -> {k},{k}.5,{k}\n" for k in range(9)), "serial monitor"),
     "map: peak": (read_csv, "Pressure (kPa),Length (mm),Peak Load (N)\n" + rows("{},{},{}"), "is a peak"),
     "map: counter": (read_csv, "Pressure (kPa),Length (mm),Load count\n" + rows("{},{},{}"), "is a counter"),

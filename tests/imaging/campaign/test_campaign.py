@@ -164,7 +164,7 @@ def test_mixed_sizes_are_refused_before_any_work(tmp_path, photos):
     for k, size in enumerate([(60, 40), (60, 40), (40, 60)]):
         paths.append(tmp_path / f"{k}.png")
         Image.new("RGB", size).save(paths[-1])
-    with pytest.raises(MixedSizes, match=r"2 have 60 x 40 px, unlike .*2.png \(40 x 60\)"):
+    with pytest.raises(MixedSizes, match=r"2 are 60 x 40 px, unlike .*2.png \(40 x 60\)"):
         process(paths, RECIPE, executor=Serial())
     assert photos.seen == []
 
