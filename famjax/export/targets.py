@@ -174,7 +174,7 @@ def _grid(subject: Subject) -> tuple[dict[str, np.ndarray], list[str]]:
         *subject.about_table,
         f"errors of bilinear interpolation are up to {off.max():.2g} N in the middle of a cell",
         "model_force_N is the model force without clipping: negative where the muscle is slack",
-        "the grid does not include the stops: use the exported C functions beyond it",
+        "the grid ends before the braid locks or the threads are straight: do not extrapolate from it",
     ]
     grid = {
         "length_m": L, "pressure_Pa": P, "force_N": force,
