@@ -177,6 +177,7 @@ NEAR = 1.1
 LITTLE_MORE = 2.0
 """Largest ratio of held-out errors at which a family with a certified optimum is still preferred."""
 _NOISE = 1e-3  # relative to the largest force; smaller errors count as equal
+_TIED = 1.001  # ratio of held-out errors up to which the simpler family is preferred
 
 
 @dataclasses.dataclass(frozen=True)
@@ -239,12 +240,12 @@ def ranked(
 def preferred(tried: Sequence[Tried]) -> list[int]:
     """Return the indices of the families, best first.
 
-    The smallest held-out error ranks first. Held-out pressures or a few specimens hardly distinguish
-    the laws, so if no lengths could be left out, families within a factor `ALIKE` of the smallest error
-    keep the order of the ladder.
+    The smallest held-out error ranks first; of equal families, the first on the ladder. Held-out
+    pressures or a few specimens hardly distinguish the laws, so if no lengths could be left out, families
+    within a factor `ALIKE` of the smallest error keep the order of the ladder.
     """
     least = min(one.held_out for one in tried)
-    factor = 1.0 if any("length" in one.left_out for one in tried) else ALIKE
+    factor = _TIED if any("length" in one.left_out for one in tried) else ALIKE
 
     def order(place: int) -> tuple[bool, float | tuple[int, ...]]:
         one = tried[place]

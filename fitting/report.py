@@ -25,6 +25,7 @@ from famjax.compile_options import as_arrays, quick_jit
 
 from .arguments import check_path
 from .choice import Choice, choice_table
+from .covariance import CONDITION_LIMIT
 from .data import ForceData
 from .evidence import Evidence, Table, evidence_tables, evidence_warnings
 from .pictured import PictureFit
@@ -371,7 +372,7 @@ class Findings:
 
     def _not_separable(self) -> str:
         """Name the pairs of parameters that the data determine only in combination."""
-        if not np.isfinite(self.result.certificate.condition):
+        if not self.result.certificate.condition <= CONDITION_LIMIT:
             return "some parameters: these data do not determine every parameter separately."
         names, matrix = correlations(self.result)
         size = np.abs(np.tril(matrix, -1))

@@ -198,7 +198,7 @@ def _open(path: Path, append: bool) -> int:
     try:
         file = os.open(path, flags | getattr(os, "O_BINARY", 0), 0o644)
     except FileExistsError:
-        raise RigError(f"{path} exists: choose another name, or resume it") from None
+        raise RigError(f"{path} exists: record to another folder, or resume the test") from None
     except OSError as error:
         raise RigError(f"cannot write {path}: {error.strerror}") from None
     if append and (size := os.fstat(file).st_size):

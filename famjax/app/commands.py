@@ -161,7 +161,7 @@ def rig_simulate(
     if json_:
         print_json(document | {"files": paths})
         return 0
-    print_rows("Isobars", in_units(document["isobars"], unit_system(units)))
+    print_rows(f"Isobars of {known['name']}", in_units(document["isobars"], unit_system(units)))
     print(found.alignment)
     for note in found.characterisation.notes:
         print("note:", note)

@@ -110,8 +110,8 @@ def design_document(found: Search, *, system: str) -> dict[str, Any]:
 def design_card(found: Search) -> MuscleCard | None:
     """Return a card of the refined design for simulators; None if no candidate is feasible.
 
-    The card covers the design's stroke and the pressures up to its own. It has no errors, because nothing
-    was measured.
+    The card covers the design's stroke and the pressures up to the required one. It has no errors, because
+    nothing was measured.
     """
     if found.refined is None or found.muscle is None:
         return None
@@ -119,7 +119,7 @@ def design_card(found: Search) -> MuscleCard | None:
     lengths = length * (1 - found.refined["contraction"]), length
     return MuscleCard(
         f"{pair.bladder.name}, {pair.braid.name}", (MountedMuscle(found.muscle, 0.0),), np.ones(1),
-        Region.of(lengths, (0.0, found.refined["pressure"])),
+        Region.of(lengths, (0.0, found.requirement.pressure)),
         provenance=Provenance(notes=["designed by famjax design, not measured"]),
     )  # fmt: skip
 

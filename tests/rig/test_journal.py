@@ -117,7 +117,7 @@ def test_losses_of_the_line_and_of_the_file_are_told_apart(path):
 def test_a_journal_is_never_overwritten_and_goes_on_after_a_torn_line(path):
     with opened(path, at=1.0) as journal:
         journal.lines(records(0, 1))
-    with pytest.raises(RigError, match=r"run.fam exists: choose another name, or resume it"):
+    with pytest.raises(RigError, match=r"run.fam exists: record to another folder, or resume"):
         opened(path)
     with path.open("ab") as file:
         file.write(record_line(2)[:9])
