@@ -356,8 +356,8 @@ class MovingLoad(Parametrised):
         cls,
         inertia: Real,
         *,
-        radii: Real,
-        lengths: Real,
+        radii: Real | Sequence[float],
+        lengths: Real | Sequence[float],
         stiffness: Real = 0.0,
         damping: Real = 0.0,
     ) -> "MovingLoad":

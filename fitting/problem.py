@@ -19,7 +19,7 @@ from jaxtyping import Array, Float, Int
 import famjax
 from famjax.boundary.errors import InputError
 
-from .convex import AnyArray, solve_qp
+from .convex import AnyArray, Optimum, solve_qp
 from .response import (
     RIG,
     Constraint,
@@ -295,20 +295,32 @@ class PureProblem(eqx.Module):
         at, low = jnp.asarray(self.free, int), jnp.asarray(self.low)
         return low.at[at].add(u * (self.high - low)[at])
 
-    def coefficients(
-        self, p: Float[Array, " q"], force: Float[Array, " points"]
-    ) -> Float[Array, " n"]:
-        """Return the coefficients of the certified convex fit at given parameters [SI], for a rigid rig.
+    def optimum(self, p: Float[Array, " q"], force: Float[Array, " points"]) -> Optimum:
+        """Return the convex fit at given parameters [SI] with its certificate, for a rigid rig.
+
+        Only the coefficients `x` are differentiable.
 
         Args:
             p: nonlinear parameters [SI], in the order of `Problem.names`.
             force: force [N] of each reading used in the fit (the loaded ones), `data.force[data.loaded]`.
 
         Raises:
-            InputError: the number of forces differs from the number of readings in the fit.
+            InputError: the number of forces differs from the number of readings in the fit, or the rig is
+                compliant.
         """
+        if self.compliant:
+            raise InputError(
+                "with a compliant rig, the fit at given parameters is not a convex programme: use identify "
+                "with these parameters held"
+            )
         none = jnp.zeros(self.limits[0].shape[1])
-        return solve_qp(*self.programme(p, none, force, force)).x
+        return solve_qp(*self.programme(p, none, force, force))
+
+    def coefficients(
+        self, p: Float[Array, " q"], force: Float[Array, " points"]
+    ) -> Float[Array, " n"]:
+        """Return the coefficients of `optimum`."""
+        return self.optimum(p, force).x
 
     def _each(self, force: Float[Array, " points"]) -> Iterator[tuple[Part, slice]]:
         """Iterate over the parts with the slices of their readings."""

@@ -138,6 +138,8 @@ def test_the_convex_fit_is_the_engine_s_and_its_gradient_that_of_differences(dms
         np.testing.assert_allclose(x, solve(problem, p).x, rtol=1e-9)
     with pytest.raises(InputError, match="pass the loaded readings"):
         pure.coefficients(jnp.asarray(parameters[0]), jnp.asarray(dmsp20.force))
+    with pytest.raises(InputError, match="with a compliant rig"):
+        dataclasses.replace(pure, compliant=True).optimum(jnp.asarray(parameters[0]), force)
 
     def first(u: jax.Array) -> jax.Array:
         return pure.coefficients(pure.parameters(u), force)[0]
