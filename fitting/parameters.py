@@ -90,11 +90,12 @@ def standard_table(specimen: Specimen) -> dict[str, Entry]:
 
     Returns:
         Entries in SI units, keyed by name. The braid diameter is between the nominal diameter and
-        3.6 mm above it, or between 3 and 80 mm if there is no nominal diameter. The braid angle is
-        between 60 and 70 deg, and the deadband between 0 and 1 bar.
+        3.6 mm above it (2.2 times the wall for walls over 1.8 mm), or between 3 and 80 mm if there is no
+        nominal diameter. The braid angle is between 60 and 70 deg, and the deadband between 0 and 1 bar.
     """
-    bore = specimen.nominal_diameter
-    diameter = (bore, bore + _WALL_ALLOWANCE) if bore else (3e-3, 80e-3)
+    bore, thick = specimen.nominal_diameter, 2 * specimen.wall_thickness > _WALL_ALLOWANCE
+    allowance = 2.2 * specimen.wall_thickness if thick else _WALL_ALLOWANCE
+    diameter = (bore, bore + allowance) if bore else (3e-3, 80e-3)
     return {
         "braid_diameter": Entry(*diameter, "length"),
         "braid_angle": Entry(math.radians(60), math.radians(70), "angle"),
@@ -160,6 +161,9 @@ def entry_in_si(name: str, given: Parameter, standard: Entry) -> Entry:
         check_prior(name, standard.kind, told, given.unit)
     low = standard.min if given.min is None else si(given.min)
     high = standard.max if given.max is None else si(given.max)
+    if told is not None:  # a measured value beyond the usual bounds moves them
+        low = told[0] - 3 * told[1] if given.min is None and told[0] < low else low
+        high = told[0] + 3 * told[1] if given.max is None and told[0] > high else high
     return bounded(name, low, high, dataclasses.replace(standard, prior=told))
 
 

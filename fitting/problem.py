@@ -298,7 +298,7 @@ class PureProblem(eqx.Module):
     def optimum(self, p: Float[Array, " q"], force: Float[Array, " points"]) -> Optimum:
         """Return the convex fit at given parameters [SI] with its certificate, for a rigid rig.
 
-        Only the coefficients `x` are differentiable.
+        The coefficients `x` and the objective are differentiable; other fields have zero derivatives.
 
         Args:
             p: nonlinear parameters [SI], in the order of `Problem.names`.
@@ -314,7 +314,9 @@ class PureProblem(eqx.Module):
                 "with these parameters held"
             )
         none = jnp.zeros(self.limits[0].shape[1])
-        return solve_qp(*self.programme(p, none, force, force))
+        A, b, G, h = self.programme(p, none, force, force)
+        found = solve_qp(A, b, G, h)
+        return dataclasses.replace(found, objective=jnp.sum((A @ found.x - b) ** 2) / 2)
 
     def coefficients(
         self, p: Float[Array, " q"], force: Float[Array, " points"]

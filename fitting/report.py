@@ -377,9 +377,11 @@ class Findings:
         names, matrix = correlations(self.result)
         size = np.abs(np.tril(matrix, -1))
         told = [f"{names[j]}, {names[i]}" for i, j in np.argwhere(size > _ALONE)]
+        stuck = ", ".join(self.result.stopped)
+        stuck = f"; not assessed, at a bound: {stuck}" if stuck else ""
         if not told:
-            return f"none; all correlations are below {_ALONE:g}."
-        return f"{'; '.join(told)} (correlations up to {size.max():.3f})."
+            return f"none; all correlations are below {_ALONE:g}{stuck}."
+        return f"{'; '.join(told)} (correlations up to {size.max():.3f}){stuck}."
 
     def numbers(self, system: str) -> Table:
         """Return a table of five key figures of the muscle, with standard errors."""

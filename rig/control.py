@@ -120,10 +120,14 @@ class RigSettings:
             RigError: the transducer is not supported, or a limit is missing or outside its range.
         """
         gains, frozen = self.control, (self.frozen_output, round(1000 * self.frozen))
-        ranges = {"frozen_output": (1, 255), "frozen": (0.1, 2), "stall": (0.5, 30)}
-        for name, (low, high) in ranges.items():
+        ranges = {
+            "frozen_output": (1, 255, "counts"), "frozen": (0.1, 2, "s"), "stall": (0.5, 30, "s")
+        }  # fmt: skip
+        for name, (low, high, unit) in ranges.items():
             if not low <= (value := getattr(self, name)) <= high:
-                raise RigError(f"{name} must be between {low} and {high}, got {value}")
+                raise RigError(
+                    f"{name} must be between {low} and {high} {unit}, got {value:g} {unit}"
+                )
         return [
             ("hbms", (SILENCE_MS,)),
             ("tele", (TICKS_PER_RECORD,)),
@@ -160,9 +164,11 @@ class RigSettings:
             )
         counts = int(calibration.pressure.counts(limit) // READINGS)
         if not 1 <= counts <= CEILING:
+            most = float(calibration.pressure.value(CEILING * READINGS))
+            given, highest = (pressure_text(x, self.unit) for x in (limit, most))
             raise RigError(
-                f"the limit of {pressure_text(limit, self.unit)} is {counts} counts; it must be "
-                f"1 to {CEILING} counts: choose another limit or another transducer"
+                f"the limit of {given} is {counts} counts of the transducer; it must be 1 to {CEILING} "
+                f"counts, here at most {highest}: choose another limit or another transducer"
             )
         return counts
 

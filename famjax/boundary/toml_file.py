@@ -87,7 +87,9 @@ def read_toml(
     except OSError as problem:
         raise error(f"{fault}: {problem.strerror}") from None
     except ValueError as problem:
-        raise error(f"{fault}: it is not a TOML file in UTF-8: {problem}") from None
+        raise error(
+            f"{fault}: it is not a TOML file in UTF-8, with decimal points and each key once: {problem}"
+        ) from None
 
 
 def from_entries(

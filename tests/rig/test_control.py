@@ -111,7 +111,7 @@ def test_a_recording_that_was_cut_off_is_resumed_and_its_clock_may_begin_anew(wh
         ({"pressure_limit": 300 * PSI, "unit": "psi"}, "limit of 300 psi is 1330 counts"),
         ({"jump_limit": 0.5 * PSI, "unit": "psi"}, "limit of 0.5 psi is 2 counts.*5 to 1023"),
         ({"jump_limit": float("nan")}, "0 counts"),
-        ({"stall": 90.0}, "stall must be between 0.5 and 30, got 90"),
+        ({"stall": 90.0}, "stall must be between 0.5 and 30 s, got 90 s"),
         ({"calibration": Calibration(Sensor(300, -50), Sensor(1, 0))}, "zero must be 0 to 1023"),
     ],
 )
