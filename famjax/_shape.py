@@ -62,7 +62,7 @@ class Rule(NamedTuple):
 
 @functools.cache
 def rules(shares: tuple[float, ...], order: int) -> tuple[Rule, ...]:
-    """Return the quadrature rule for each section; its modes are integrated Legendre polynomials."""
+    """Return the quadrature rule for each section; the modes are integrated Legendre polynomials."""
     nodes, weights = np.polynomial.legendre.leggauss(3 * order // 2 + 4)
     return tuple(
         Rule((1 + nodes) / 2, weights * share / 2, *modes(shares, order, i, nodes))

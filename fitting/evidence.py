@@ -232,8 +232,8 @@ def carry(result: Identification, moves: Moves) -> Carried:
             directions.append(change / np.sqrt(len(several)))
         if not np.isfinite(steps).all():
             raise InputError(
-                f"with the error in {source}, the force is undefined (nan) at some readings: check the "
-                "value and unit of this error"
+                f"with the stated error of {source}, the force is undefined (nan) at some readings: check "
+                "the value and unit of this error"
             )
         effects.append(np.sqrt(np.mean(np.square(steps), axis=0)))
     names = problem.names + result.coefficient_names

@@ -277,7 +277,7 @@ class Identification:
         return Findings(self).html()
 
     def plot(self, axes: "Axes | None" = None, system: str = "metric") -> "Axes":
-        """Plot readings and model against contraction, see `plot_isobars`."""
+        """Plot readings and model against contraction; see `plot_isobars`."""
         from .report import plot_isobars  # noqa: PLC0415 -- it draws
 
         return plot_isobars(self, axes, system)

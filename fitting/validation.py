@@ -21,7 +21,7 @@ from .result import Estimate, Identification, check_identified
 from .search import NEAR, End, descend_from, latin_hypercube
 
 _QUICK: dict[str, Any] = {"max_steps": 30, "tolerance": 1e-5, "promise": 1e-6}
-"""Looser settings of a descent, sufficient to predict held-out readings."""
+"""Looser settings for descents, sufficient for predicting held-out readings."""
 _NEARBY: dict[str, Any] = {"damping": 1e-6, "promise": NEAR}
 """Settings of a descent from a nearby optimum; a parameter is found to 1 % of its standard error."""
 

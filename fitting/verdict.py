@@ -199,9 +199,7 @@ def judge_series(specimens: Sequence[Identification], left_out: LeftOut) -> Judg
     )
     found = [] if first.converged else [one for one in remarks(first) if one.level == 2]
     if not missed[worst] <= 15.0:
-        remedy = (
-            "that map is wrong or from another make: check it with famjax fit, and leave it out"
-        )
+        remedy = "that map is wrong, or its muscle is of another make: check it with famjax fit"
         found.append(Remark(2, f"The specimens are not a series: {said}; {remedy}."))
     elif missed[worst] > POOR:
         most = int(left_out.group_rmse.argmax())

@@ -86,7 +86,7 @@ ALONG = 0.5
 """Standard deviation of the window along the meridian, relative to the mean radius."""
 
 ENDS = 1.5
-"""Smallest distance of a window from the ends of the braid, in its standard deviations."""
+"""Smallest distance of a window from the ends of the braid, in standard deviations of the window."""
 
 _RAYS = np.deg2rad(np.arange(8.0, 78.0, 0.5))  # angles of rays to the azimuthal axis, whitened
 _FINE = 0.4  # spacing of samples of the spectrum, in widths of the window

@@ -107,7 +107,9 @@ def fit_sensor(counts: ArrayLike, references: ArrayLike) -> Sensor:
         raise RigError(f"a calibration requires at least three references, got {y.size}")
     bad = np.flatnonzero((y <= 0) | (y >= FULL_SCALE))
     if bad.size:
-        raise RigError(f"{y[bad[0]]:g} counts are at the limit of the converter: omit that reading")
+        raise RigError(
+            f"the reading of {y[bad[0]]:g} counts is at the limit of the converter: omit it"
+        )
     if np.ptp(x) == 0:
         raise RigError(f"all references are {x[0]:g}: apply at least two different ones")
     (slope, zero), covariance = np.polyfit(x, y, 1, cov=True)

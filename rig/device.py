@@ -59,7 +59,7 @@ ARGUMENTS: dict[bytes, tuple[int, tuple[tuple[int, int, int], ...]]] = {
 
 
 def firmware_folder() -> Path:
-    """Return the folder of the firmware's sources and the prebuilt `famrig.hex`."""
+    """Return the folder that contains the firmware sources and the prebuilt `famrig.hex`."""
     return Path(str(resources.files("rig"))) / "firmware"
 
 

@@ -517,7 +517,7 @@ class AbstractLink(contextlib.AbstractContextManager):
 
     @abc.abstractmethod
     def sleep(self, seconds: float) -> None:
-        """Wait for a time [s] while bytes are exchanged."""
+        """Wait for the given time [s] while exchanging bytes."""
 
     def close(self) -> None:
         """Close the connection; the heartbeats stop."""

@@ -77,7 +77,7 @@ class Check:
 
 
 def settle(checks: Sequence[Check], place: Path) -> None:
-    """Write the checks of a step to its folder, and raise an error if two sources contradict each other.
+    """Write the results of a step's checks to its folder; raise an error if two sources are contradictory.
 
     Raises:
         InputError: there is a contradiction; the message describes it and how to resolve it.

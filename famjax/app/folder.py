@@ -242,7 +242,7 @@ class Steps:
         if known.get("key") != self._key and place.exists():
             if place.is_symlink() or (not known and any(place.iterdir())):
                 raise InputError(
-                    f"{place} must be a folder written by this command, but has no {MARK}: move it"
+                    f"{place} has no {MARK}, so this command did not write it: move it elsewhere"
                 )
             shutil.rmtree(place)
         place.mkdir(parents=True, exist_ok=True)

@@ -307,7 +307,7 @@ def fit_hysteresis(pairs: BranchPairs) -> HysteresisFit:
 
 
 def leave_out(fit: HysteresisFit) -> HysteresisFit:
-    """Cross-validate a fit by leaving out each record and each length; return it with `left_out` set.
+    """Cross-validate a fit by leaving out each record and each length in turn; set `left_out`.
 
     Thresholds are chosen again from the remaining records.
     """
