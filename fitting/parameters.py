@@ -93,8 +93,8 @@ def standard_table(specimen: Specimen) -> dict[str, Entry]:
         3.6 mm above it (2.2 times the wall for walls over 1.8 mm), or between 3 and 80 mm if there is no
         nominal diameter. The braid angle is between 60 and 70 deg, and the deadband between 0 and 1 bar.
     """
-    bore, thick = specimen.nominal_diameter, 2 * specimen.wall_thickness > _WALL_ALLOWANCE
-    allowance = 2.2 * specimen.wall_thickness if thick else _WALL_ALLOWANCE
+    bore, wall = specimen.nominal_diameter, 2 * specimen.wall_thickness
+    allowance = 1.1 * wall if wall > 1.001 * _WALL_ALLOWANCE else _WALL_ALLOWANCE
     diameter = (bore, bore + allowance) if bore else (3e-3, 80e-3)
     return {
         "braid_diameter": Entry(*diameter, "length"),
