@@ -220,7 +220,8 @@ def _placed(
     rig, compliance = None, searched.get("series_compliance")
     if compliance is not None:
         rig = compliance, searched.get("series_exponent")
-        end = jnp.minimum(end, jnp.min(length - famjax.muscle.give_way(at.force, *rig)))
+        under_load = length - famjax.muscle.give_way(at.force, *rig)
+        end = jnp.minimum(end, under_load[jnp.argmin(under_load)])
         length = length - famjax.muscle.give_way(reached, *rig)
     return searched, rig, length, (jnp.asarray(family.rest_length(searched)), end)
 
@@ -307,8 +308,10 @@ def along_paths(
     both = famjax.stability.path_strains(
         model.geometry, jnp.concatenate([lengths, ends], axis=-1), pressure[:, None]
     )
-    axial, hoop = (jnp.max(jnp.abs(one[:, -2:]), axis=(1, 2)) for one in (both.axial, both.hoop))
-    largest = jnp.maximum(axial, hoop)
+    sizes = [jnp.abs(one[:, -2:]).reshape(len(end), -1) for one in (both.axial, both.hoop)]
+    every = jnp.concatenate(sizes, axis=1)
+    # The derivative of a maximum compares recomputed values for equality, which rounding may defeat.
+    largest = jnp.take_along_axis(every, jnp.argmax(every, axis=1, keepdims=True), axis=1)[:, 0]
     found = []
     for kind in kinds:
         if kind == "drucker":
