@@ -155,6 +155,7 @@ damaged = 1
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_twin_of_a_truth_is_the_same_bytes_again_from_its_own(tmp_path):
     """The file that the first wrote makes the second, on another day."""
     first, second = tmp_path / "a", tmp_path / "b"

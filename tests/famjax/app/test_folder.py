@@ -84,6 +84,7 @@ def twin(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_twin_comes_back_and_its_report_is_whole(twin):
     """The law within four of its errors, those of the shape included; the turns within a thousandth."""
     truth = tomllib.loads((twin / TRUTH).read_text())["muscle"]
@@ -123,6 +124,7 @@ starts = 2
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("text", "notes"),
     [
@@ -247,6 +249,7 @@ def replaced(path: Path, old: str, new: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "old", "new", "words"),
     [
@@ -267,6 +270,7 @@ def test_records_that_contradict_stop_the_work(copied, refused, name, old, new, 
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_pictures_that_contradict_stop_the_work_and_a_mended_sheet_goes_on(copied, run, refused):
     sheet, words = copied / SHEET, ("characterise", copied, "--jobs", 1)
     replaced(sheet, "rest_length_in = 9.28125", "rest_length_in = 9.78125")
