@@ -259,7 +259,7 @@ def replaced(path: Path, old: str, new: str) -> None:
         (LOG, "(s),(mm)", "(s),(um)", "1000, m and mm or mm and um"),
         (LOG, "Extension,Load", "Load,Extension", "column 'Extension' has the unknown unit 'N'"),
         (SHEET, "[records]", "[records]\npushing_positive = true", "its sign (pushing_positive is true)"),
-        (SHEET, "[records]", "[records]\nshortening_positive = true", "shortening_positive must be f"),
+        (SHEET, "[records]", "[records]\nshortening_positive = true", "Set shortening_positive to false"),
         (SHEET, "thickness_in = 0.0625", "thickness_in = 1.5875", "must be thinner than half"),
         (SHEET, "rest_length_in", "rest_length_mm", "with a rest length of 0.0092812 m"),
     ],
