@@ -155,8 +155,9 @@ def split_text(text: str, asked: Asked) -> Sheet:
     lines = text.splitlines()
     stated = re.fullmatch(r'(?i)"?sep=(.)"?\s*', lines[0]) if lines else None
     held = [(n, one) for n, one in enumerate(lines, 1) if one.strip(" \t;,|")][bool(stated) :]
-    comments = tuple(one.strip(" \t,;") for _, one in held if _is_comment(one))
-    body = [(n, one) for n, one in held if not _is_comment(one)]
+    apart = {n for n, one in held if _is_comment(one)}
+    comments = tuple(one.strip(" \t,;") for n, one in held if n in apart)
+    body = [(n, one) for n, one in held if n not in apart]
     if not body:
         raise InputError(
             "the file is empty: it needs column names, such as pressure_kPa,length_mm,force_N"

@@ -358,7 +358,9 @@ def _check_summaries(cells: Sequence[Sequence[str]], lines: np.ndarray) -> None:
     """Reject rows that a label such as Mean marks as summaries of the readings."""
     for column in cells:
         labels = {
-            cell for cell in set(column) if cell.casefold().strip(" .:()") in _headers.SUMMARIES
+            cell
+            for cell in {one for one in column if one[:1].isalpha()}
+            if cell.casefold().strip(" .:()") in _headers.SUMMARIES
         }
         rows = (
             [line for line, cell in zip(lines, column, strict=True) if cell in labels]

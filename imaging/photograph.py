@@ -27,6 +27,7 @@ _stderr_lock = threading.Lock()
 _ORIENTATION, _EXIF_IFD, _TAKEN, _FRACTION = 0x0112, 0x8769, 0x9003, 0x9291
 _DIMENSIONS = 0xA002, 0xA003
 _ACROSS = frozenset({5, 6, 7, 8})  # rows of the file are columns of the picture
+_INCOMPLETE = "the file must contain a complete picture: copy it again, or export it as JPEG"
 HEIC = (".heic", ".heif")
 """File suffixes of HEIC pictures; reading them requires the extra `heic`."""
 
@@ -60,10 +61,7 @@ def read_image(path: str | PathLike[str]) -> Image:
         raise UnreadableImage(fault, path=place)
     image, complaint = _decoded(data)
     if image is None or "premature end" in complaint.lower():
-        raise UnreadableImage(
-            "the file must contain a complete picture: copy it again, or export it as JPEG",
-            path=place,
-        )
+        raise UnreadableImage(_INCOMPLETE, path=place)
     if complaint:
         raise DamagedImage(f"the file is damaged; the decoder reports: {complaint}", path=place)
     return image
@@ -106,7 +104,7 @@ def _header_fault(data: bytes) -> str:
         except Pictures.DecompressionBombError:
             return "a picture may have at most 178 Mpx, but its header states a larger size"
         except (OSError, SyntaxError, ValueError):
-            return "the file must contain a complete picture: copy it again, or export it as JPEG"
+            return _INCOMPLETE
     return ""
 
 

@@ -116,7 +116,7 @@ def _resumed_block(record: Record, test: PlanFile, calibration: Calibration) -> 
             f"{record.path} cannot be resumed: its note of the plan or the settings is damaged or missing. "
             "Record to another folder"
         )
-    apart = [name for name, value in wanted.items() if begun.get(name, value) != value]
+    apart = [name for name, value in wanted.items() if begun.get(name) != value]
     if apart:
         raise RigError(
             f"{record.path} cannot be resumed: it was started with a different {', '.join(apart)}. "
