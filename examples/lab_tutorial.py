@@ -20,8 +20,8 @@ fitting.load_bundled("DMSP-20-300").to_pandas()[columns].to_csv("map.csv", index
 print("".join(Path("map.csv").read_text().splitlines(keepends=True)[:3]))
 
 # %% [markdown]
-# The file does not contain the dimensions of the specimen, so state them here in SI units. Then compare
-# the number of readings and the largest force with your test. Unit errors show up here first.
+# The file does not contain the dimensions of the specimen, so state them here in SI units. Then check
+# that the number of readings and the largest force match your test. This check reveals errors in units.
 
 # %%
 size = {"rest_length": 0.296, "nominal_diameter": 0.02, "wall_thickness": 0.0018}  # m

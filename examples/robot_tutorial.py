@@ -23,8 +23,8 @@ print(card)
 print("forces at 4 bar:", *(f"{muscle.force(L, 4e5):.0f} N" for L in (0.30, 0.27, 0.24, 0.10)))
 
 # %% [markdown]
-# `pressure_for_force` returns the pressure that produces a force. If the force cannot be reached, it
-# returns the nearest pressure and a code, so a batch never fails.
+# `pressure_for_force` returns the pressure that produces a given force. If no pressure does, it returns
+# the nearest pressure and a code, so one such force does not stop a batch.
 
 # %%
 found = pressure_for_force(card.muscle, jnp.array([200.0, 500.0, 5000.0]), 0.28, (0.0, 6e5))
@@ -32,9 +32,9 @@ for pressure, word in zip(found.pressure, Outcome.words(found.code), strict=True
     print(f"{pressure / 1e3:.1f} kPa, {word}")
 
 # %% [markdown]
-# A hanging load comes to rest at the length where the muscle's force equals its weight. This
-# equilibrium can be differentiated, so one program computes the length, and the lift per bar, for all
-# pressures.
+# A hanging load comes to rest at the length where the muscle's force equals the weight of the load.
+# This equilibrium can be differentiated, so one program computes the length, and the lift per bar, for
+# all pressures.
 
 # %%
 pressures = jnp.linspace(1e5, 6e5, 26)

@@ -28,13 +28,13 @@ _NOTHING = np.zeros(())
 
 
 def as_real(values: ArrayLike | Sequence[Any]) -> RealArray:
-    """Convert values or nested lists to a floating-point array; integers become floats, float32 is kept."""
+    """Convert values or nested lists to a floating-point array; floats keep their type."""
     array = jnp.asarray(values)
     return array if jnp.issubdtype(array.dtype, jnp.floating) else array.astype(float)
 
 
 def as_number(values: ArrayLike | Sequence[Any]) -> RealArray:
-    """Convert values as `as_real` does, but for storage: a Python float gets JAX's default precision.
+    """Convert values for storage as `as_real` does, except that Python floats get JAX's default precision.
 
     If stored values kept JAX's weak type, a muscle created from Python floats and the same muscle read
     from a file would be compiled separately. Inside a trace, values keep the weak type.
@@ -107,7 +107,7 @@ def at_each(function: Callable[..., _T], *arguments: RealArray) -> _T:
         *arguments: arrays whose shapes broadcast.
 
     Returns:
-        The results; the leading axes of every array have the broadcast shape.
+        The results, as arrays whose leading axes have the broadcast shape.
     """
     arrays = jnp.broadcast_arrays(*arguments)
     shape = arrays[0].shape

@@ -26,7 +26,7 @@ MOST_BYTES = 500e6  # limit of a file, and of an unpacked workbook
 _MOST_CELLS = 5e6  # limit of a sheet
 _SAMPLE = 2000  # number of lines from which delimiter and decimal sign are determined
 NEAREST = 6
-"""Number of rows searched for names above the numbers, and of first readings checked in a column."""
+"""Number of rows above the numbers that are searched for names, and of readings checked per column."""
 DAMAGED = (
     ValueError, TypeError, LookupError, AttributeError, ArithmeticError, OSError, EOFError, SyntaxError,
     RuntimeError, MemoryError, zipfile.BadZipFile, zlib.error,
@@ -103,7 +103,7 @@ def check_workbook(data: bytes) -> None:
             content = archive.read(part).replace(b"\0", b"")
             if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
                 raise InputError(
-                    "the workbook defines XML entities, as no spreadsheet program does: save it as CSV"
+                    "the workbook defines XML entities, which no spreadsheet program does: save it as CSV"
                 )
             places = re.findall(rb'<(?:\w+:)?c\s[^>]*?r="([A-Z]+)(\d+)"', content)
             width, rows = (max(map(f, places), default=1) for f in (_width, lambda at: int(at[1])))
@@ -137,7 +137,7 @@ class Sheet:
         names, below, beside: for each column, its name, its unit from a separate row of units, and other
             words above or below the name; "" if missing.
         decimal: decimal sign, "." or ",".
-        grouped: True if numbers may contain thousands separators, because some of them do.
+        grouped: True if some numbers contain thousands separators, so any of them may.
         comments: lines that begin with #.
     """
 
@@ -164,8 +164,8 @@ def split_text(text: str, asked: Asked) -> Sheet:
         )
     if re.match(r"\d\d:\d\d:\d\d\.\d+ -> ", body[-1][1]):
         raise InputError(
-            "the lines begin with the time stamps of a serial monitor: switch them off, and send the time "
-            "as a column"
+            "the lines begin with time stamps from a serial monitor: switch these off, and send "
+            "the time as a column"
         )
     found: list[tuple[tuple[float, ...], str]] = []
     for rank, delimiter in enumerate([stated[1]] if stated else "\t;,| "):
@@ -391,7 +391,7 @@ def _mixed(rows: Sequence[tuple[str, ...]]) -> bool:
 
 
 def numbers_of(cells: Sequence[str], sheet: Sheet) -> np.ndarray:
-    """Return the values of a column; nan for cells that are not numbers."""
+    """Return a column as numbers, with nan for cells that are not numbers."""
     sign, other = sheet.decimal, "," if sheet.decimal == "." else "."
     joined = sign == "," and not any("." in cell for cell in cells)
     if joined or sign == ".":

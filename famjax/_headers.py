@@ -92,7 +92,7 @@ def kind_of(quantity: str) -> str:
 
 
 def unit_size(unit: str, kind: str) -> tuple[float, bool | None] | None:
-    """Return the factor that converts a unit to SI, in any manufacturer's spelling; None if unknown.
+    """Return the factor that converts a unit, in any manufacturer's spelling, to SI; None if unknown.
 
     Returns:
         The factor and, for a pressure, True (absolute), False (gauge) or None (unspecified).

@@ -1,4 +1,4 @@
-"""Solve the equilibrium of bladder, pressure and threads with radial modes and guarded Newton steps.
+"""Solve the equilibrium of the bladder, pressure and threads with radial modes and guarded Newton steps.
 
 At the material coordinate Z, r is the radius of the muscle, s = r' is the slope, F is the axial force
 and p is the radial component of the meridional force. The equilibrium shape is the stationary point of
@@ -6,11 +6,11 @@ the integral over Z of
 
     G = p s - mu sqrt(m^2 + p^2) + W,    m = P pi r^2 + F,    mu^2 = (B (1 + e))^2 - (2 pi N r)^2
 
-where W is the strain energy of bladder and threads per unit Z, and e is the strain of the threads.
-Eliminating p yields the energy, G = W - m z' with z'^2 = mu^2 - s^2. Keeping p as an unknown avoids a
-singularity at steep shoulders. The radius r is a sum of modes. The unknowns p and e are defined at the
-quadrature stations and are eliminated at each station. F is the Lagrange multiplier of the constraint
-on the length, which is the integral of z' = mu m / sqrt(m^2 + p^2).
+where W is the strain energy of the bladder and threads per unit Z, and e is the strain of the
+threads. Eliminating p yields the energy, G = W - m z' with z'^2 = mu^2 - s^2. Keeping p as an
+unknown avoids a singularity at steep shoulders. The radius r is a sum of modes. The unknowns p and
+e are defined at the quadrature stations and are eliminated at each station. F is the Lagrange
+multiplier of the constraint on the length, which is the integral of z' = mu m / sqrt(m^2 + p^2).
 """
 
 import dataclasses
@@ -125,14 +125,14 @@ class Part(eqx.Module):
         ])  # fmt: skip
 
     def tapered(self, other: Bladder | None, x: np.ndarray) -> "Part":
-        """Return the section at stations x from 0 to 1; its bladder tapers linearly to another bladder."""
+        """Return the section at stations x from 0 to 1; the bladder tapers linearly to another bladder."""
         far = self.bladder if other is None else other
         bladder = jax.tree.map(lambda a, b: a + (b - a) * x.astype(a.dtype), self.bladder, far)
         return Part(self.braid, bladder, self.material)
 
 
 def full(state: RealArray) -> RealArray:
-    """Return a state as radius, slope, axial force, radial force p and strain e; a missing e is 0."""
+    """Return the state (radius, slope, axial force, radial force p, strain e), with e = 0 if missing."""
     return state if state.shape[-1] == 5 else jnp.concatenate([state, jnp.zeros_like(state[:1])])
 
 
@@ -258,7 +258,7 @@ class Balance(eqx.Module):
         return jnp.where(pull, self.force_scale, self.radius_scale)
 
     def columns(self, rule: Rule) -> tuple[np.ndarray, np.ndarray]:
-        """Return the matrices from end radii and unknowns to radius, slope and force at the stations."""
+        """Return the matrices that map end radii and unknowns to radius, slope and force at stations."""
         both = np.stack([rule.values, rule.slopes, np.zeros_like(rule.values)], axis=1)
         free, size = self.free, self.free.size
         linear = np.zeros((rule.x.size, 3, size + 1))

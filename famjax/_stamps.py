@@ -22,7 +22,7 @@ _DATES = ("%Y-%m-%d", "%d-%m-%Y", "%m-%d-%Y", "%d-%b-%Y", "%d-%m-%y", "%m-%d-%y"
 
 
 def clock_seconds(cells: Sequence[str], one: Column) -> np.ndarray:
-    """Convert time stamps to seconds, even across midnight or several days; nan where there is no stamp."""
+    """Convert time stamps to seconds, even across midnight or several days; a missing stamp becomes nan."""
     stamps = [STAMP.fullmatch(cell) for cell in cells]
     good = [stamp for stamp in stamps if stamp is not None]
     if not good:

@@ -141,7 +141,7 @@ def slopes(force: Callable, length: RealArray, pressure: RealArray) -> Slopes:
 
 
 def grid_slopes(muscle: AbstractMuscle, region: Region) -> Slopes:
-    """Return force and derivatives on a grid over a region, each with shape (LENGTHS, PRESSURES)."""
+    """Return the force and its derivatives on a grid over a region, shapes (LENGTHS, PRESSURES)."""
     L = jnp.linspace(region.length[0], region.length[1], LENGTHS)
     P = jnp.linspace(region.pressure[0], region.pressure[1], PRESSURES)
     return slopes(muscle.force, *jnp.meshgrid(L, P, indexing="ij"))
@@ -435,7 +435,7 @@ class SafeMuscle(AbstractMuscle):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences that state where the model is replaced in the data's region; for a single muscle."""
+        """Sentences stating where in the data's region the model is replaced; only for a single muscle."""
         found = []
         for name, unit, scale in (("length", "mm", 1e3), ("pressure", "kPa", 1e-3)):
             had, kept = (
@@ -494,7 +494,8 @@ class SafeMuscle(AbstractMuscle):
         """Return the hysteresis state at the start of a history, at a length [m] and a pressure [Pa].
 
         This is the state that the muscle reaches from the start of the identified cycles: from the vented
-        state at this length, or from the longest length of the strokes. Without hysteresis, it is empty.
+        state at this length, or from the longest length of the strokes. Without hysteresis, the
+        state is empty.
         """
         if self.hysteresis is None:
             return SlipState(jnp.zeros(2), jnp.zeros(0), jnp.zeros(0))

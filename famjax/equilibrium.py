@@ -89,7 +89,7 @@ class State(eqx.Module):
     Attributes:
         force: axial force F [N], positive if the muscle pulls.
         volume: fluid volume V [m3].
-        energy: strain energy U [J] of bladder and threads.
+        energy: strain energy U [J] of the bladder and threads.
         margin: smallest stiffness of the shape [N/m]; see `EquilibriumMuscle.margin`.
         code: index in `REASONS` of the reason why no state exists; 0 if one exists.
     """
@@ -183,7 +183,7 @@ class EquilibriumMuscle(AbstractMuscle):
         return jnp.asarray(sum(lengths))
 
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """Return the range of lengths [m], from just below the neutral length to where the bore closes."""
+        """Return the length range [m], from just below the neutral length to the length at bore closure."""
         thread = sum(share * part.braid.rest_thread_length for share, part in parts_of(self))
         cylinders = [(s, EstimatedGeometry(p.braid, p.bladder)) for s, p in parts_of(self)]
         longest = sum(share * one.length_range()[1] for share, one in cylinders)
@@ -222,7 +222,7 @@ class EquilibriumMuscle(AbstractMuscle):
         return self.state(length, pressure).volume
 
     def energy(self, length: Real, pressure: Real) -> RealArray:
-        """Return the strain energy U [J] of bladder and threads, with the broadcast shape.
+        """Return the strain energy U [J] of the bladder and threads, with the broadcast shape.
 
         In equilibrium, dU = F dL + P dV. If the stress law has no strain energy, U is the work done by the
         stresses along a straight path in strain. The work P_d V against the deadband is counted as stored.
@@ -233,8 +233,8 @@ class EquilibriumMuscle(AbstractMuscle):
         """Return the shape's smallest stiffness [N/m] at fixed length and pressure: the stability margin.
 
         The margin is the smallest eigenvalue of the second derivative of the energy, normalised by the mean
-        square change in radius. It has the broadcast shape. For a long muscle, the condition that it is > 0
-        approaches the condition for a cylinder, dF/dr < 0.
+        square change in radius. It has the broadcast shape. For a long muscle, the condition
+        margin > 0 approaches the condition for a cylinder, dF/dr < 0.
         """
         return self.state(length, pressure).margin
 
@@ -304,7 +304,7 @@ class EquilibriumMuscle(AbstractMuscle):
 
 
 def parts_of(muscle: EquilibriumMuscle) -> list[tuple[float, Part]]:
-    """Return the share and the parts of each section; the bladder is the one at its start."""
+    """Return the share and the parts of each section; the bladder is the one at the section's start."""
     whole = Part(muscle.braid, muscle.bladder, muscle.material)
     if not muscle.sections:
         return [(1.0, whole)]

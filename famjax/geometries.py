@@ -340,7 +340,7 @@ class EstimatedGeometry(AbstractGeometry):
         return True
 
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """Return the range of lengths [m], from just below the neutral length to where the bore closes."""
+        """Return the length range [m], from just below the neutral length to the length at bore closure."""
         inset = 0.0 if self.bladder.embedded else self.braid.thickness
         smallest = 2 * (self.bladder.smallest_braid_radius + inset)
         closed = jnp.pi * self.braid.turns * smallest
@@ -365,7 +365,7 @@ class EstimatedGeometry(AbstractGeometry):
         return EstimatedGeometry(longer, dataclasses.replace(self.bladder, rest_length=new))
 
     def parameters(self) -> dict[str, RealArray]:
-        """Return diameter and angle of the unloaded braid at rest, then the other parameters."""
+        """Return the diameter and angle of the unloaded braid at rest, then the other parameters."""
         rest, thread = self.rest_length, self.braid.rest_thread_length
         natural = {
             "braid_diameter": diameter_from_length(rest, thread, self.braid.turns),

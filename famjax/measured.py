@@ -71,7 +71,7 @@ class Meridian(eqx.Module):
         return cls(length, radius, rate / (2 * length[..., None]), weights)
 
     def inset(self, thickness: Real) -> "Meridian":
-        """Offset the meridian radially inwards by a thickness [m], which gives the bladder's outer surface.
+        """Offset the meridian radially inwards by a thickness [m], to obtain the bladder's outer surface.
 
         Raises:
             RuntimeError: the thickness exceeds the radius somewhere.

@@ -184,7 +184,7 @@ class AbstractMuscle(Parametrised):
 
 
 def check_one_muscle(*parts: eqx.Module) -> None:
-    """Reject numbers whose number of axes differs from their declaration.
+    """Reject values whose number of axes differs from their declaration.
 
     Args:
         parts: a muscle, or components of a muscle.
@@ -309,7 +309,7 @@ def bisected(
 
 
 def required(length: RealArray, found: Bool[Array, "..."], what: str) -> RealArray:
-    """Return the length; if it was not found, raise an error that names the likely causes."""
+    """Return the length; if it was not found, raise an error that lists the likely causes."""
     return eqx.error_if(
         length,
         ~found,
@@ -332,7 +332,7 @@ class Muscle(AbstractMuscle):
     of a negative force.
 
     Attributes:
-        geometry: geometry that computes the dimensions from braid and bladder.
+        geometry: geometry that computes the dimensions from the braid and bladder.
         terms: force terms, a `SumOfTerms`.
 
     References:
@@ -489,7 +489,7 @@ _LINEAR = 1e-3  # fraction of the reference force below which the deflection is 
 
 
 def give_way(force: Real, compliance: Real, exponent: Real | None = None) -> RealArray:
-    """Return the deflection [m] of mountings and rig under a force [N], with the broadcast shape.
+    """Return the deflection [m] of the mountings and rig under a force [N], with the broadcast shape.
 
     delta = c F s^(n - 1) with s^2 = (F/100 N)^2 + 0.001^2. The deflection is linear for n = 1. Otherwise,
     it approaches c 100 N (F/100 N)^n well above 0.1 N, as in contacts whose area grows under load
@@ -572,7 +572,7 @@ class MountedMuscle(AbstractMuscle):
         return self.muscle.length_range()
 
     def stops(self) -> Float[Array, "2"]:
-        """Return the lengths [m] of the muscle's stops."""
+        """Return the lengths [m] at which the muscle's braid locks and its threads are straight."""
         return self.muscle.stops()
 
     def volume(self, length: Real, pressure: Real) -> RealArray:

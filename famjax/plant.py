@@ -129,7 +129,8 @@ class AbstractCircuit(Parametrised):
 class PneumaticCircuit(AbstractCircuit):
     """Air supply with a 5/3 proportional valve: it fills above the bias, vents below it and always leaks.
 
-        Q = p_N C p_1 psi(p_2/p_1)/p from the supply and to the atmosphere, either way; p V^n = const.
+        Q = p_N C p_1 psi(p_2/p_1)/p from the supply and to the atmosphere, in either direction;
+        p V^n = const.
 
     The gas temperature enters only through the polytropic exponent n. Hose resistance, pressure waves and
     valve dynamics other than a lag are neglected.
@@ -423,8 +424,8 @@ class Plant(Parametrised):
     of second order and L-stable (Alexander 1977). Lags and driven lengths are integrated exactly. The
     signal is constant during a step. With steps of 2 ms, the pressure is within 0.005 psi RMS of an
     adaptive solution. The error reaches 0.05 psi when the pressure of dumped water falls to zero, and
-    0.1 psi in a step in which a relief valve closes. The pressure drop between circuit and muscle and the
-    mass of the muscle are neglected.
+    0.1 psi in a step in which a relief valve closes. The mass of the muscle, and the pressure drop
+    between the circuit and the muscle, are neglected.
 
     Attributes:
         circuit: circuit of the muscle; a tuple of two for a joint.
@@ -491,8 +492,8 @@ class Plant(Parametrised):
         if not isinstance(fluid, Tracer) and not bool(jnp.all(fluid > 0)):
             raise InputError(
                 f"the muscle must contain fluid at the start, at {lengths} m and {pressures} Pa, but "
-                f"muscle and hose contain {fluid} m3. Start at a length within the muscle's range, or use "
-                "another muscle"
+                f"the muscle and hose contain {fluid} m3. Start at a length within the muscle's range, or "
+                "use another muscle"
             )
         memory = tuple(
             None if one is None else one.start(L, own)
@@ -772,7 +773,7 @@ def _tick(structure: Any, shapes: tuple[tuple[int, ...], ...], static: Any) -> C
 def solve_adaptively(
     plant: Plant, state: PlantState, command: Command, times: Real, *, tolerance: float = 1e-9
 ) -> PlantState:
-    """Return the states at given times under a constant command, from a fifth-order implicit method.
+    """Return the states at given times under a constant command, by a fifth-order implicit method.
 
     The motion must be monotone. The package diffrax is required; the extra `dynamics` installs it.
 
@@ -845,8 +846,8 @@ class ControllerState(eqx.Module):
 class PressureController(Parametrised):
     """The firmware's PI controller, with feed-forward: u = v(P) + K_p e + I, dI/dt = K_i e.
 
-    The integral is updated at the end of each record. The quantisation of converter and output and the
-    256 psi limit on the error are neglected.
+    The integral is updated at the end of each record. The quantisation of the converter and output,
+    and the 256 psi limit on the error, are neglected.
 
     Attributes:
         proportional: K_p [1/Pa], as a fraction of the full output.
@@ -949,7 +950,7 @@ class LinearMcKibben(AbstractMuscle):
         rest_length: L0 [m].
         thread_length: B [m].
         turns: N [-], number of turns of one thread.
-        solid_volume: volume V_solid [m3] of bladder and braid.
+        solid_volume: volume V_solid [m3] of the bladder and braid.
         bladder_stiffness: k [N/m]; ASSUMED.
         deadband_pressure: P_d [Pa]; ASSUMED.
 

@@ -73,7 +73,7 @@ def _harmonics(coefficients: RealArray) -> np.ndarray:
 
 
 def tondu_lopez_length(length: Real, rest_length: Real, k: Real) -> RealArray:
-    """Return the length [m] at which a cylinder has the force of a muscle with rounded ends.
+    """Return the length [m] at which a cylinder has the same force as a muscle with rounded ends.
 
     Use this length, L0 (1 - k eps), in place of L in the force of a cylindrical muscle.
 

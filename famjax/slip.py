@@ -44,7 +44,7 @@ def slip(deflection: Either, change: Either, threshold: Either) -> Either:
 
 
 def slip_shares(pressure: Either, modulus: Either) -> tuple[Either, Either]:
-    """Return the derivatives of wall and braid coordinates with respect to strain: 1 + P/E and P/E [-].
+    """Return the derivatives of the wall and braid coordinates with respect to strain: 1 + P/E and P/E [-].
 
     Arguments may be NumPy or JAX arrays; see `MaxwellSlip`.
 
@@ -59,7 +59,7 @@ def slip_shares(pressure: Either, modulus: Either) -> tuple[Either, Either]:
 def slip_coordinates(
     length: Either, pressure: Either, rest_length: Either, modulus: Either
 ) -> tuple[Either, Either]:
-    """Return wall and braid coordinates [-], -eps (1 + P/E) and -eps P/E, with the broadcast shape.
+    """Return the wall and braid coordinates [-], -eps (1 + P/E) and -eps P/E, with the broadcast shape.
 
     Arguments may be NumPy or JAX arrays; see `MaxwellSlip`.
 
@@ -124,9 +124,9 @@ class MaxwellSlip(eqx.Module):
     in pressure. A muscle at rest length therefore shows no loop, and a shortened muscle pulls less during
     filling than during venting.
 
-    A force f on a coordinate q adds f dq/dL to the muscle's force and displaces the volume -f dq/dP, so
-    testing machine and fluid together do the work f dq. This work is stored in the springs or dissipated
-    by the sliders, so a closed cycle never creates energy.
+    A force f on a coordinate q adds f dq/dL to the muscle's force and displaces the volume
+    -f dq/dP, so the testing machine and the fluid together do the work f dq. This work is stored in
+    the springs or dissipated by the sliders, so a closed cycle never creates energy.
 
     Attributes:
         wall: elements on q_w, with thresholds [-] and with strengths for zero pressure.

@@ -1,7 +1,8 @@
 """Read tables, such as force maps, ramps and machine logs, and identify their columns by name.
 
 Set points, limits, peaks, atmospheric pressures and counters are not treated as measurements of the
-muscle unless the user assigns them. If a column is ambiguous, the error message names the option to use.
+muscle unless the user assigns them. If a column is ambiguous, the error message states which option
+to use.
 """
 
 import dataclasses
@@ -30,12 +31,12 @@ class Table:
     """A table in SI units.
 
     Attributes:
-        columns: values by quantity, shape (n,). Pressures are gauge pressures, unless the caller asked for
-            absolute ones.
+        columns: values by quantity, shape (n,). Pressures are gauge pressures, unless the caller
+            requested absolute pressures.
         taken: source column of each quantity.
         others: all other numeric columns by name, not converted to SI.
         lines: line number of each row, counted from 1.
-        unread: numbers of lines between the first and last row that are not readings.
+        unread: line numbers of the lines between the first and last row that are not readings.
         comments: lines that begin with #.
         source: name of the file.
         sha256: SHA-256 digest of the file.
@@ -152,7 +153,7 @@ def check_size(path: str | Path, most: float = _cells.MOST_BYTES) -> None:
         raise InputError(f"cannot read {path}: {error.strerror}") from None
     if size > most:
         raise InputError(
-            f"{path} has {size / 1e6:.0f} MB, but the limit is {most / 1e6:.0f} MB: export less data"
+            f"{path} is {size / 1e6:.0f} MB, above the limit of {most / 1e6:.0f} MB: export less data"
         )
 
 
@@ -229,7 +230,7 @@ def _find(
     if hint and unit_size(one.unit, "length") is not None:
         raise InputError(f"{one} has the unit of a length{hint}: write the length L instead")
     if any(map(str.isdigit, one.unit)):
-        hint = ": convert it to a plain unit if it counts multiples, or name the column without its range"
+        hint = ": convert a multiple to a plain unit, or remove the range from the column name"
     raise InputError(
         f"{one} has {lacks}{hint}; known units of {kind} are {', '.join(every)}{meant(one.unit, every)}: "
         f"specify the unit with {remedy_for(quantity, f'{one.title} [{every[0]}]')}"
@@ -419,8 +420,8 @@ def _check_values(quantity: str, values: np.ndarray, one: Column, asked: Asked) 
     if stands or (at_one and high > 1.3 * low and not plain):
         remedy = f'--column pressure="{one.title} [{one.unit}'
         raise InputError(
-            f"{one} {'stays' if stands else 'begins'} at atmospheric pressure, "
-            f'{raw.min():.6g} {one.unit}, as absolute readings do: specify the kind with {remedy} gauge]" '
+            f"{one} {'stays' if stands else 'begins'} at atmospheric pressure, {raw.min():.6g} "
+            f'{one.unit}, as absolute readings do: specify which it is with {remedy} gauge]" '
             f'or {remedy} abs]" and --column atmosphere=101.3kPa; or ignore it with --column pressure=-'
         )
 

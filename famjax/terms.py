@@ -238,8 +238,8 @@ class VirtualWork(AbstractForceTerm):
         """
         if at.rates is None or (self.at_thread_length and at.thread_length is None):
             raise ValueError(
-                "virtual work needs the rate of the volume, from geometry.dimensions_with_rates; with "
-                "at_thread_length, it also needs a geometry that computes the thread_length"
+                "virtual work needs the rate of change of the volume, from geometry.dimensions_with_rates; "
+                "with at_thread_length, it also needs a geometry that computes the thread_length"
             )
         rate = at.rates.volume
         if self.at_thread_length:

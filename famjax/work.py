@@ -54,9 +54,10 @@ class WorkBudget(eqx.Module):
 def work_budget(muscle: AbstractMuscle, pressure: Real, start: Real, end: Real) -> WorkBudget:
     """Return the work budget of a stroke at constant pressure.
 
-    In a muscle at equilibrium without losses, all work done by the fluid goes into load, bladder and
-    threads. A positive remainder indicates friction or a deadband. A negative remainder means that the
-    model creates energy. Gaylord's term, which was derived for a cylinder, does so with a measured shape.
+    In a muscle at equilibrium without losses, all work done by the fluid goes into the load, the
+    bladder and the threads. A positive remainder indicates friction or a deadband. A negative
+    remainder means that the model creates energy. Gaylord's term, which was derived for a cylinder,
+    does so with a measured shape.
 
     Args:
         muscle: a `Muscle` with a geometry and a bladder law, or an `EquilibriumMuscle`.

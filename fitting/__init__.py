@@ -1,4 +1,4 @@
-"""Identify fluidic artificial muscles: data with units in, a certified model out.
+"""Identify fluidic artificial muscles: fit a certified model to measured data with units.
 
 Start with `read_csv` or `load_bundled`, then `identify`. `validate`, `profile` and `bootstrap` show how
 far the result can be trusted, and `compare` compares it with published models. `fitting.records`

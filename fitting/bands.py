@@ -1,12 +1,12 @@
 """Compute error bands for predictions, using held-out readings and parameter errors.
 
-The unknown model error is treated as a smooth function of length and of pressure. At measured levels it
-is zero to within the noise. Elsewhere, its variance is a scale (see `model_error`) times the error
-variance of a natural cubic spline (kriging with the generalised covariance |h|^3 and a linear drift).
-The scale is estimated from held-out levels. Three or four levels provide little information, so the
-estimate is combined with a prior that is the same for all muscles. Readings at one length share their
-error, so each length counts as one independent observation. The interval uses Student's t distribution.
-The disagreement between models that fit equally well widens the band (see `disagreement`).
+The unknown model error is treated as a smooth function of length and of pressure. At measured levels it is
+zero to within the noise. Elsewhere, its variance is a scale (see `model_error`) times the error variance of
+a natural cubic spline (kriging with the generalised covariance |h|^3 and a linear drift). The scale is
+estimated from held-out levels. Three or four levels provide little information, so the estimate is combined
+with a prior that is the same for all muscles. Readings at the same length share a common error, so each
+length counts as one independent observation. The interval uses Student's t distribution. The disagreement
+between models that fit equally well widens the band (see `disagreement`).
 
 Parameter errors are computed by linear theory (the delta method). Let J be the derivatives of the values
 stored in the muscle with respect to the identified parameters, and C the covariance of these parameters.
@@ -43,15 +43,15 @@ Column: TypeAlias = Float[np.ndarray, " n"]
 
 PRIOR_SCALE = 0.08
 """Prior value for the scale of the error over length, relative to the largest force. A law that fits to
-within 1 % is typically wrong by a few per cent at lengths outside its map."""
+within 1 % is typically wrong by a few per cent at lengths outside the measured map."""
 
 PRIOR_FREEDOM = 1.5
 """Number of held-out lengths that together carry the same weight as the prior."""
 
 _MOST_LEVELS = 128  # of a kind, with which an error between levels is estimated
 DISAGREEMENT = 1.75
-"""Ratio of the half-width added to the band to the root mean square difference from models that fit equally
-well. It exceeds 1 because two such models may err in the same direction."""
+"""Half-width added to the band, divided by the root mean square difference from models that fit equally
+well. This ratio exceeds 1 because two such models may err in the same direction."""
 
 FLOOR = 0.002
 """Smallest half-width of a band, relative to the largest force."""
@@ -61,9 +61,9 @@ FLOOR = 0.002
 def student_factor(freedom: float) -> float:
     """Return the half-width of the 95 % interval of Student's t, in standard deviations.
 
-    This is `scipy.special.stdtrit(freedom, 0.975)`, to 1e-9 up to 10 000 degrees of freedom, without the
-    0.2 s that SciPy takes to import. With t = sqrt(n) tan(a), the probability of |t| is proportional to
-    the integral of cos(a)^(n - 1) from 0. It is concave, so Newton's method converges from below.
+    It agrees with `scipy.special.stdtrit(freedom, 0.975)` to 1e-9 up to 10 000 degrees of freedom, but
+    avoids SciPy's import time of 0.2 s. With t = sqrt(n) tan(a), the probability of |t| is proportional to
+    the integral of cos(a)^(n - 1) from 0 to a. It is concave in a, so Newton's method converges from below.
     """
     node, weight = np.polynomial.legendre.leggauss(40)
     scale = (
@@ -151,7 +151,7 @@ class ModelError:
         few = (
             ""
             if "lengths" in judged
-            else ". There are few lengths, so the error over length is assumed"
+            else ". There are too few lengths to estimate the error over length, so it is assumed"
         )
         grows = "it grows with distance from the measured states"
         included = f"the noise of the readings, the model error {seen} ({grows})"
@@ -225,7 +225,7 @@ def spline_variance(known: Float[np.ndarray, " levels"], at: Column) -> Column:
     """Return the error variance of a natural cubic spline (kriging with covariance |h|^3).
 
     Args:
-        known: levels at which the function is known, ascending; their range is the unit of length.
+        known: levels at which the function is known, ascending; their range serves as the unit.
         at: levels at which the variance is evaluated.
 
     Returns:
@@ -270,7 +270,7 @@ def pull(
 
     Args:
         mounted: the identified muscle in its rig.
-        spread: from `muscle_spread`; None if the errors are unknown.
+        spread: output of `muscle_spread`; None if the errors are unknown.
         length: active lengths [m] as measured by the rig.
         pressure: gauge pressures [Pa].
         rest_length: rest length L0 [m] if the muscle is cut to a different length, see
@@ -332,11 +332,11 @@ def muscle_spread(
 
     Args:
         result: an identification. Parameters that are held fixed or at a bound do not vary.
-        drawn: bootstrap of this identification. If given, its covariance replaces the linear-theory one.
+        drawn: bootstrap of this identification. If given, its covariance replaces that of linear theory.
 
     Returns:
         One row for each independent direction. Its columns correspond to the concatenated arrays in
-        `result.mounted`. There are no rows if there are no standard errors.
+        `result.mounted`. Without standard errors, there are no rows.
     """
     covariance = result.covariance
     if drawn is not None:
@@ -348,7 +348,7 @@ def muscle_spread(
 
 
 def numbers_by_parameters(result: Identification) -> Float[np.ndarray, "numbers p"]:
-    """Return derivatives of the mounted muscle's values (the rig's last) with respect to all unknowns."""
+    """Return the derivatives of the mounted muscle's values (the rig's last) with respect to unknowns."""
     problem, point = result.problem, result.end.point
     part, q = problem.parts[result.place], len(problem.names)
     slope = report_of(part, point, result.place).d_numbers

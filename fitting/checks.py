@@ -76,7 +76,7 @@ def check_specimen(
     if named and getattr(source, "known", None) is not None:
         raise InputError(f"a known geometry has no parameter {' or '.join(named)}: remove it")
     if "braid_compliance" in named and getattr(source, "thread", None) is not None:
-        raise InputError("this geometry already has a law for the threads: remove braid_compliance")
+        raise InputError("this geometry already models thread stretch: remove braid_compliance")
     if censored and "series_compliance" in table:
         raise InputError("censored readings cannot be combined with series_compliance")
     _check_lengths(data, table)

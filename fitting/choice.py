@@ -93,7 +93,7 @@ class Choice:
 
     @property
     def clear(self) -> str:
-        """Statement of how clearly the chosen family predicts better than the others."""
+        """Statement of how clearly the chosen family outperforms the others."""
         first, *others = self.tried
         if not others:
             return f"Only {self.name} could be tried: the map is too small for other families."
@@ -150,11 +150,11 @@ def choose(
 ) -> Choice:
     """Choose the model for a force map by cross-validating a ladder of families.
 
-    Each family is fitted to all readings. It is then refitted without each length, and without each group
-    of neighbouring pressures. The family with the smallest held-out error is chosen. If the map has too few
-    lengths to leave one out, the first family on the ladder within 1.5 times the smallest error is chosen.
-    Families with more than four times the smallest RMSE are not cross-validated. A family without a
-    certified optimum is passed over if one with a certified optimum has at most twice the smallest error.
+    Each family is fitted to all readings. It is then refitted with each length, and each group of
+    neighbouring pressures, left out in turn. The family with the smallest held-out error is chosen. If the
+    map has too few lengths to leave one out, the first family on the ladder within 1.5 times the smallest
+    error is chosen. Families whose RMSE exceeds four times the smallest are not cross-validated. A family
+    without a certified optimum is passed over if a family with one has at most twice the smallest error.
 
     Args:
         data: the map.
@@ -285,7 +285,7 @@ _HEADER = {
     "interior length": "held-out interior lengths",
     "end length": "held-out end lengths",
 }
-"""Headers of the columns with held-out errors, by kind."""
+"""Column headers for the held-out errors, by kind."""
 
 
 def choice_as_dict(choice: Choice) -> dict[str, Any]:
@@ -342,7 +342,7 @@ MOST = 20
 
 @dataclasses.dataclass(frozen=True)
 class NestedValidation(LeftOut):
-    """Errors on readings that were used neither to fit the models nor to choose between them.
+    """Errors at readings that were used neither to fit the models nor to choose between them.
 
     Each "pressure" or each "length" was left out in turn; if there are many, neighbouring ones were left
     out together.
@@ -372,18 +372,18 @@ def validate_choice(
     progress: Callable[[int, int], None] | None = None,
     **options: Any,
 ) -> NestedValidation:
-    """Cross-validate a choice: choose again without each pressure or length, and predict its readings.
+    """Cross-validate a choice: repeat it without each pressure or length, and predict the omitted readings.
 
-    Each new choice takes five seconds on one core for a hundred readings. Two processes save time if there
-    are four or more levels.
+    Each repeated choice takes about five seconds on one core for 100 readings. Two processes save time if
+    there are four or more levels.
 
     Args:
-        choice: from `choose`.
+        choice: result of `choose`.
         groups: "pressure" or "length".
         most: largest number of groups; if there are more levels, neighbouring ones are left out together.
         executor: executor for the repeated choices, each of which is a task, see
             `famjax.boundary.tasks.AnyExecutor`. It does not affect the results.
-        progress: called with (levels done, levels).
+        progress: called with (levels done, total levels).
         options: options of the original call to `choose`; each fold uses at most four starts.
 
     Raises:

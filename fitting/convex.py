@@ -11,8 +11,8 @@ optimality system has the blocks
     P = I - N^T (N N^T)^-1 N,   N* = (N N^T)^-1 N.
 
 The method stores both and updates them with a rank-one matrix for each row that enters or leaves.
-Derivatives follow from the implicit function theorem on the active rows; they are exact if no multiplier is
-zero. Every function solves one problem, in float32 or float64; use `jax.vmap` for a batch.
+Derivatives follow from the implicit function theorem applied to the active rows; they are exact if no
+multiplier is zero. Every function solves one problem, in float32 or float64; use `jax.vmap` for a batch.
 
 References:
     Goldfarb & Idnani 1983, Mathematical Programming 27, 1-33.
@@ -278,7 +278,7 @@ def nearest_point(
         return jnp.where(normal @ y - offset < -32 * eps * size, row, -1)
 
     def step(at: NearestPoint) -> NearestPoint:
-        """Let one row enter or leave the active set."""
+        """Add one row to the active set, or remove one."""
         normal = G[at.entering]
         image = at.inverse @ normal
         direction, share = image[:n], image[n:]
@@ -343,7 +343,7 @@ def orthogonal(
 ) -> tuple[Float[Array, "k n"], Float[Array, "n n"]]:
     """Return Q and R of A = Q R; for few columns, by applying Gram-Schmidt twice (Giraud et al. 2005).
 
-    LAPACK is as accurate, but takes 0.3 s to load.
+    LAPACK is equally accurate, but takes 0.3 s to load.
     """
     n = A.shape[1]
     if n > _WRITTEN_OUT:

@@ -61,7 +61,7 @@ def covariance(
         jacobian: Jacobian of the weighted residual with respect to all parameters.
         residual: weighted residual at the optimum.
         active: gradients of the active constraints.
-        held: True for parameters at a bound or fixed.
+        held: True for parameters that are fixed or at a bound.
         bent: square-root factors of the curvature that active constraints add. They do not affect
             the noise estimate.
         n_priors: number of priors, which are the last rows of the residual.
@@ -111,7 +111,7 @@ def free_root(
     Args:
         jacobian: Jacobian of the weighted residual with respect to all parameters.
         active: gradients of the active constraints.
-        held: True for parameters at a bound or fixed.
+        held: True for parameters that are fixed or at a bound.
     """
     p = jacobian.shape[1]
     scale = np.linalg.norm(jacobian, axis=0)

@@ -40,7 +40,8 @@ _NEEDED = ("force", "pressure", "length")
 _STDS = tuple(name for name in COLUMNS if name.endswith("_std"))
 
 MOST_APART = 40
-"""Largest number of levels that are left out one by one. If there are more, they form this many groups."""
+"""Largest number of levels that are left out one by one. If there are more levels, they are combined into
+this many groups."""
 
 _MAY_BE_ZERO = {"pressure", "pressure_std", "length_std"}
 _HINTS = {
@@ -81,14 +82,15 @@ def levels_of(
 ) -> Levels:
     """Group measured values into levels: neighbours closer than a tolerance share a level.
 
-    If no tolerance is given, it is derived from the gaps between the sorted values. These must separate
+    If no tolerance is given, it is derived from the gaps between the sorted values. The gaps must separate
     clearly into narrow gaps (at most 2 % of the range) and gaps at least 8 times as wide, with 1.5 or more
     readings per level. The tolerance is then the geometric mean of the widest narrow gap and the narrowest
     wide gap.
 
     Values that repeat exactly, at least twice on average, are nominal values or were rounded by the gauge.
     Equal values then share a level. Different values share a level only if the gaps support this and no two
-    of them were read at the same level of the other quantity, where two set points would both appear.
+    of them occur at the same level of the other quantity. Two values that occur together there are
+    different set points.
 
     Args:
         values: measured values in SI.
@@ -124,7 +126,7 @@ def levels_of(
         note = (
             f"Few readings share a {what}, and the gaps between {what}s do not separate them into levels. "
             f"Cross-validation by {what} therefore leaves out single readings. If readings were "
-            f"taken at common {what}s, state a tolerance in the file: "
+            f"taken at common {what}s, specify a tolerance in the file: "
             f"# level: {what}_tolerance_{'kPa = 5' if what == 'pressure' else 'mm = 0.1'}"
         )
     return Levels(mean[label], float(tolerance), note)
@@ -347,7 +349,7 @@ class ForceData:
         Args:
             frame: table with columns such as `force_N`, `pressure_kPa` and `length_mm`; other columns, such
                 as `loaded` from `to_pandas`, are ignored.
-            specimen: the muscle, or its fields in SI. Missing fields are assumed, as in `read_csv`.
+            specimen: the muscle, or its fields in SI. Missing fields get assumed values, as in `read_csv`.
             columns: column name of each quantity, see `read_csv`.
 
         Raises:
@@ -375,7 +377,7 @@ class ForceData:
     ) -> "ForceData":
         """Build a force map from an xarray data set; see `from_pandas`.
 
-        Variables over several dimensions, such as length and pressure, become one reading per combination.
+        A variable with several dimensions, such as length and pressure, yields one reading per combination.
         If `specimen` is None, it is read from the attribute that `to_xarray` writes.
 
         Raises:
@@ -486,7 +488,7 @@ _NOT_ASSUMED = {"wall_thickness": "wall_thickness", "bladder_diameter": "embedde
 
 
 def bundled_names() -> list[str]:
-    """Return the names of the measured maps that come with famjax.
+    """Return the names of the measured maps supplied with famjax.
 
     >>> bundled_names()
     ['DMSP-10-250', 'DMSP-20-300']
@@ -509,7 +511,7 @@ def bundled_map_name(name: str) -> str | None:
 
 
 def load_bundled(name: str, specimen: Mapping[str, Any] | None = None) -> ForceData:
-    """Load a measured force map that comes with famjax.
+    """Load a measured force map supplied with famjax.
 
     Args:
         name: one of `bundled_names()`, or a variant that `bundled_map_name` accepts.
@@ -556,7 +558,7 @@ def read_csv(
         The map in SI. Its `notes` list all assumptions about columns and specimen.
 
     Raises:
-        InputError: the file is invalid; the message names the row.
+        InputError: the file is invalid; the message states the row.
     """
     check_mapping("columns", columns, "from quantities to column names")
     if hasattr(path, "columns") and hasattr(path, "to_csv"):
@@ -640,8 +642,8 @@ def _tolerance(entry: str) -> tuple[str, float]:
     name, _, unit = key.rpartition("_")
     if name not in {"pressure_tolerance", "length_tolerance"}:
         raise InputError(
-            f"the text after '# level:' must read pressure_tolerance_kPa = 5 or length_tolerance_mm = 0.1, "
-            f"for example; got {entry!r}"
+            f"the text after '# level:' must have the form pressure_tolerance_kPa = 5 or "
+            f"length_tolerance_mm = 0.1; got {entry!r}"
         )
     return name, parse_quantity(value + unit, name.removesuffix("_tolerance"))
 

@@ -65,7 +65,7 @@ class BoxMap(eqx.Module):
         mean: Float[np.ndarray, " d"],
         covariance: Float[np.ndarray, "d d"],
     ) -> "BoxMap":
-        """Return the map for a box and a quadratic model; the coordinate nearest its bounds comes first."""
+        """Return the map for a box and a quadratic model, with the coordinate nearest its bounds first."""
         std = np.sqrt(np.diag(covariance))
         inside = np.minimum(np.minimum(mean - low, high - mean) / std, 3.0)
         order = np.lexsort((-std / (high - low), inside))
@@ -129,7 +129,8 @@ class Density(eqx.Module):
     Attributes:
         problem: the problem with its full constraint.
         force: readings [N]; the limit if censored.
-        side: 0 for a reading, 1 if the force is at most the limit, -1 if it is at least the limit.
+        side: 0 for an uncensored reading, 1 if the force is at most the limit, -1 if it is at least the
+            limit.
         geometry: number of parameters in the unit box.
         faces: rows of the constraint whose slack is sampled.
         centre: coefficients at c = 0, shape (n,).
@@ -231,7 +232,7 @@ def density_of(result: Identification, noise: Noise) -> Density:
     """Set up the posterior density of an identification.
 
     Args:
-        result: from `identify`.
+        result: fit from `identify`.
         noise: standard deviation in the unit of the weighted residual, or an interval in which its
             logarithm is uniformly distributed.
 
@@ -261,7 +262,7 @@ def density_of(result: Identification, noise: Noise) -> Density:
     scale = _whitening(jacobian[:, q:], problem.linear)
 
     def of_sampled(derivative: np.ndarray) -> np.ndarray:
-        """Transform derivatives to the unit box and to c."""
+        """Transform derivatives to the coordinates of the unit box and to c."""
         width = (problem.high - problem.low)[free]
         return np.concatenate([derivative[:, free] * width, derivative[:, q:] @ scale], axis=1)
 

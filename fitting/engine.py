@@ -51,8 +51,9 @@ class Point:
         parameters: nonlinear parameters [SI], shape (q,).
         x: coefficients, shape (n,); nan without a certified optimum.
         residual: weighted residual of readings, coefficient priors and parameter priors, shape (k,).
-        A, b, G, h: convex programme. A and b are the rows of the residual. G and h contain the constraint
-            along the paths, then the lower and upper bounds of all coefficients (zeros if unbounded).
+        A, b, G, h: convex programme. A and b contain the rows of the residual. G and h contain the
+            constraint along the paths, then the lower and upper bounds of all coefficients (zeros if
+            unbounded).
         rows, multipliers: active rows of G and their multipliers.
         status: status of the convex fit.
         kkt_residual, duality_gap: certificate of the convex fit.

@@ -6,12 +6,12 @@ readings or the geometry, and thereby the optimum. To first order, the parameter
 
     d theta = -(J^T J)^-1 J^T d r
 
-where d r is the change of the weighted residual at fixed parameters and J is the derivative of the
-residual with respect to them, restricted to directions left free by constraints and bounds (see `carry`).
+where d r is the change in the weighted residual at fixed parameters and J is the derivative of the residual
+with respect to the parameters, restricted to directions left free by constraints and bounds (see `carry`).
 Nothing is refitted.
 
 References:
-    JCGM 100:2008 (GUM), section 5: independent contributions add in squares.
+    JCGM 100:2008 (GUM), section 5: independent contributions add in quadrature.
 """
 
 import dataclasses
@@ -145,7 +145,8 @@ class Move:
 
 
 Moves = Mapping[str, Sequence[Move]]
-"""Changes to the map or geometry, by source of error: one by a standard error, or several random draws."""
+"""Changes to the map or geometry, by source of error: either one change by a standard error, or several
+random draws."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -232,7 +233,7 @@ def carry(result: Identification, moves: Moves) -> Carried:
             directions.append(change / np.sqrt(len(several)))
         if not np.isfinite(steps).all():
             raise InputError(
-                f"with the stated error of {source}, the force is undefined (nan) at some readings: check "
+                f"with the stated error in {source}, the force is undefined (nan) at some readings: check "
                 "the value and unit of this error"
             )
         effects.append(np.sqrt(np.mean(np.square(steps), axis=0)))

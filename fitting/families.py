@@ -105,7 +105,7 @@ def law_named(law: LawGiven, order: int | None) -> Law:
         return Law(famjax.PolynomialMaterial.template(order=order))
     if order is not None:
         raise InputError(
-            f"only the polynomial law has an order, got {order} for {given}: leave the order out, or "
+            f"only the polynomial law has an order, got {order} for {given}: omit the order, or "
             "choose law='polynomial'"
         )
     try:

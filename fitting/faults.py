@@ -420,7 +420,7 @@ def _wall_share(data: ForceData) -> float:
 
 
 def thick_wall(data: ForceData) -> list[Suspicion]:
-    """Report a wall thicker than a third of the bore; the misfit hardly depends on it."""
+    """Report a wall thicker than a third of the bore; the misfit hardly depends on the wall thickness."""
     share, specimen = _wall_share(data), data.specimen
     if share <= THICK:
         return []

@@ -43,10 +43,10 @@ def identify(
 ) -> Identification:
     """Find the muscle that best fits a force map while satisfying the constraint.
 
-    The force is linear in the coefficients of the law, so for each geometry a convex programme finds
-    their certified optimum. The Gauss-Newton method, from many starting points, optimises the nonlinear
-    parameters: braid diameter, braid angle, deadband, and those named in `parameters`. Its derivatives
-    pass through the convex programme (variable projection).
+    The force is linear in the coefficients of the law, so for each geometry a convex programme finds their
+    certified optimum. The Gauss-Newton method, from many starting points, optimises the nonlinear
+    parameters: braid diameter, braid angle, deadband, and those named in `parameters`. It differentiates
+    through the convex programme (variable projection).
 
     Args:
         data: the force map; see `censored` for slack readings.
@@ -66,33 +66,32 @@ def identify(
         noise: standard deviation of one reading [N], used to weight priors. Required with priors if
             the data have no `force_std`.
         objective: "sum_of_squares"; "huber", which counts residuals beyond 1.345 standard deviations
-            linearly, with the noise estimated from the median residual; or "mean_rmse", the RMSE
-            averaged over pressures (Chambers 2021, equation 7.6). Validation and uncertainty
-            estimates use the final weights. To give a region more weight, give its readings a smaller
-            `force_std`.
-        geometry: source of the muscle's dimensions. If None, a cylinder in an inextensible braid is
-            used. A geometry, such as `famjax.MeasuredGeometry`, is used as given, except for parameters
-            named in `bounds` or `parameters`. A function or class must wrap the estimated geometry, for
-            example with elastic threads; its declared parameters are fitted if they are named there.
+            linearly, with the noise estimated from the median residual; or "mean_rmse", the RMSE averaged
+            over pressures (Chambers 2021, equation 7.6). Validation and uncertainty estimates use the final
+            weights. To weight a region more heavily, reduce the `force_std` of its readings.
+        geometry: source of the muscle's dimensions. If None, a cylinder in an inextensible braid is used. A
+            geometry, such as `famjax.MeasuredGeometry`, is used as given, except for parameters named in
+            `bounds` or `parameters`. A function or class must wrap the estimated geometry, for example with
+            elastic threads; its declared parameters are fitted if they are named in those arguments.
         terms: further force terms, such as your own spring; their declared parameters are fitted if
             they are named in `bounds` or `parameters`. A term that has a `deadband_pressure` replaces
             Gaylord's term.
-        ends: "cylinder", or "equilibrium" to compute the shape from mechanics between end-fittings
-            with an identified diameter (`famjax.EquilibriumMuscle`). The force is then nonlinear in
-            the law, so the optimum is local and has no certificate, and no constraint applies.
+        ends: "cylinder", or "equilibrium" to compute the shape from mechanics between end-fittings with an
+            identified diameter (`famjax.EquilibriumMuscle`). The force is then nonlinear in the law's
+            parameters, so the optimum is local and has no certificate, and no constraint applies.
         pictures: photographed profiles to fit together with the force: a `measurements.nc` that
             contains pressures, or its table; only with ends="equilibrium".
         censored: True to penalise, with one-sided squares, a model that pulls at slack readings or
             pulls less than the load cell's limit at saturated ones. The fit remains convex.
         starts: number of starting points, sampled from the box as a Latin hypercube.
         seed: random seed for the starts.
-        progress: called with (starts done, starts) as descents finish.
+        progress: called with (starts done, total starts) after each descent.
 
     Returns:
         The identified muscle with standard errors, certificate and warnings.
 
     Raises:
-        InputError: the data cannot support the fit, or an option is invalid; the message says why.
+        InputError: the data cannot support the fit, or an option is invalid; the message states the reason.
         RuntimeError: float64 is off.
 
     References:
@@ -156,14 +155,14 @@ def identify_together(
         censored: see `identify`.
         starts: number of starts.
         seed: random seed for the starts.
-        progress: called with (starts done, starts).
+        progress: called with (starts done, total starts).
 
     Returns:
         One identification per specimen. The shared parameters, the certificate and the starts are the
         same in all of them; an individual parameter is named `name[specimen]`.
 
     Raises:
-        InputError: the data cannot support the fit, or an option is invalid; the message says why.
+        InputError: the data cannot support the fit, or an option is invalid; the message states the reason.
         RuntimeError: float64 is off.
     """
     check_whole("starts", starts, 1)
@@ -197,7 +196,7 @@ def solve(
         starts: starting points in the unit box of the free parameters.
         objective: see `identify`.
         seed: random seed of the starts, stored in the identification.
-        progress: called with (starts done, starts).
+        progress: called with (starts done, total starts).
         pictures: photographed profiles to fit together with the force of a single map.
         noise: standard deviation of a force reading, used to weight the pictures; None if unknown.
 

@@ -1,4 +1,4 @@
-"""Families of models from which a fit chooses, limited to those that a map can determine.
+"""Families of models to choose from, limited to those that a map can determine.
 
 All families but one have the same unknown geometry: braid diameter and angle, deadband, rounded ends,
 stretching threads, and the rest length to within its rounding. Priors that are the same for every muscle
@@ -7,8 +7,8 @@ families differ in the bladder law, and in what delays the onset of force: a dea
 map of one muscle cannot determine both.
 
 Compiling takes longer than fitting, so all families share one compiled program: that of a muscle whose law
-is the sum of their laws. A family identifies some parameters and holds the others at neutral values: no end
-effect, rigid threads, a rigid rig, no stress from the other laws.
+is the sum of their laws. A family identifies some parameters and fixes the others at neutral values: no end
+effect, rigid threads, a rigid rig, and no stress from the other laws.
 """
 
 import dataclasses
@@ -31,8 +31,8 @@ from .response import MuscleFamily
 
 EXPONENT_PRIOR = (-3.0, 5.0)
 """Prior on Ogden's exponent, the same for all muscles. The exponent is -2 to 5 for plain rubbers (Ogden
-1972; 2 is neo-Hookean) and -7 to -4 for walls with embedded threads. Fewer than four lengths hardly
-determine its sign."""
+1972; 2 is neo-Hookean) and -7 to -4 for walls with embedded threads. With fewer than four lengths, its sign
+is poorly determined."""
 
 MODEL_ERROR = 0.005
 """Standard deviation of a law's error, relative to the largest force. It is combined with the standard
@@ -60,8 +60,8 @@ _WIDEST_SCALE = 0.1
 _WIDEST_CYLINDER = 1.4  # relative to the nominal diameter
 _GEOMETRY = 2  # braid diameter and angle; the other parameters have priors
 FEWEST_LENGTHS = 4
-"""Smallest number of lengths for cross-validation by length. With three, only two lengths would remain,
-which determine no family."""
+"""Smallest number of lengths for cross-validation by length. With three, leaving one out would leave only
+two lengths, which determine no family."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -96,14 +96,14 @@ def ladder(
 ) -> tuple[tuple[Candidate, ...], tuple[str, ...]]:
     """List the families that a force map can determine.
 
-    Each length provides two numbers, the slope and the intercept of force against pressure. A family that
-    has as many unknowns as there are such numbers cannot be tested, so it is left out. A law with more
+    Each length provides two numbers, the slope and the intercept of force against pressure. A family with
+    as many unknowns as there are slopes and intercepts cannot be tested, so it is left out. A law with more
     coefficients than there are lengths at which the bladder is strained is left out as well.
 
     Args:
         data: the map.
-        parameters: the user's parameters, the same for every family. Laws that lack one of them are left
-            out.
+        parameters: the user's parameters, the same for every family. Laws without one of these parameters
+            are left out.
         bounds: the user's bounds, treated in the same way.
 
     Returns:
@@ -123,7 +123,7 @@ def ladder(
         count, lacking = len(law_of(law).coefficients), (said & of_any_law) - _rows(law)
         if lacking or count > strained:
             dropped.append(
-                f"The {law} law lacks {', '.join(sorted(lacking))}, which you specified." if lacking else
+                f"The {law} law has no {', '.join(sorted(lacking))}, which you specified." if lacking else
                 f"The {law} law needs {count} lengths at which the bladder is strained, but the map has "
                 f"{strained}."
             )  # fmt: skip
@@ -268,7 +268,7 @@ _NEUTRAL: Mapping[str, float] = {
     "deadband_pressure": 0.0, "end_factor": 1.0, "braid_compliance": 0.0,
     "series_compliance": 0.0, "series_exponent": 1.0, "ogden_exponent": 2.0, "strain_scale": 0.1,
 }  # fmt: skip
-"""Neutral values for the parameters that a family lacks; the rest length is the specimen's."""
+"""Neutral values for the parameters that a family does not identify; the rest length is the specimen's."""
 _NONLINEAR = ("braid_diameter", "braid_angle", "rest_length", *_NEUTRAL)
 
 
@@ -296,7 +296,7 @@ def _sum_of_laws() -> Law:
 
 
 def sharing_one_program(problem: Problem) -> Problem:
-    """Return the problem with the shared program computing every part that is a special case of it."""
+    """Return the problem with every part computed by the shared program if it is a special case of it."""
     return dataclasses.replace(problem, parts=tuple(_within(part) for part in problem.parts))
 
 

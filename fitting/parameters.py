@@ -179,7 +179,7 @@ def bounded(name: str, low: float, high: float, entry: Entry) -> Entry:
         )
     if low == high and entry.prior is not None:
         raise InputError(
-            f"the bounds of {name} fix it at {low:.6g} (SI), so its prior has no effect: specify "
+            f"the bounds on {name} fix it at {low:.6g} (SI), so its prior has no effect: specify "
             "either a prior or a fixed value"
         )
     return dataclasses.replace(entry, min=float(low), max=float(high))
@@ -217,10 +217,10 @@ def complete_table(
         if given is not None:
             entry = entry_in_si(name, given, entry)
         if name in bounds:
-            ends = check_pair(f"bounds of {name}", bounds[name], "must be (low, high)")
+            ends = check_pair(f"bounds on {name}", bounds[name], "must be (low, high)")
             check_bounds(name, entry.kind, ends)
             if given is not None and (given.value, given.min, given.max) != (None, None, None):
-                raise InputError(f"give the bounds of {name} only once: in bounds or in parameters")
+                raise InputError(f"set the bounds on {name} only once: in bounds or in parameters")
             entry = bounded(name, *ends, entry)
         changed[name] = entry
     extras = {name: changed[name] for name in known if name in changed and name not in law}

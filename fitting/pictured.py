@@ -110,7 +110,7 @@ def read_pictures(table: Any) -> Pictures:
 def join(
     problem: Problem, best: End, pictures: Pictures, noise: float | None
 ) -> tuple[End, Problem, PictureFit]:
-    """Fit force and photographs together, starting from the best fit to the force alone.
+    """Fit the force and the photographs together, starting from the best fit to the force alone.
 
     Each picture counts as one force reading, because its diameters share a common error. Force
     residuals are divided by `noise`, or by their RMSE if `noise` is None. Diameter residuals are

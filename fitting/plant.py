@@ -213,7 +213,7 @@ def identify_plant(
     if "lag" in names and slow.step > 2 * float(plant.circuit.lag):
         raise InputError(
             f"{slow.name} is sampled every {slow.step * 1e3:.3g} ms, too slowly to determine a lag of "
-            f"about {float(plant.circuit.lag) * 1e3:.3g} ms: sample faster, or leave lag out of free"
+            f"about {float(plant.circuit.lag) * 1e3:.3g} ms: sample faster, or omit lag from free"
         )
     declared = [numbers[name][0] for name in names]
     problem = _Shooting(plant, names, [_pieces(one) for one in records])
@@ -263,7 +263,7 @@ def _free(
     unknown = [name for name in free if name not in known]
     if unknown or not free:
         raise InputError(
-            f"free must name parameters of the plant, chosen from {', '.join(known)}; "
+            f"free must contain names of plant parameters, chosen from {', '.join(known)}; "
             f"got {', '.join(unknown) or 'none'}"
         )
     return tuple(free)
@@ -414,7 +414,7 @@ class _Shooting:
         self._last: tuple[bytes, list] = (b"", [])
 
     def noise(self) -> np.ndarray:
-        """Return the standard deviations of pressure and force readings, from second differences."""
+        """Return the standard deviations of pressure and force readings, based on second differences."""
 
         def of(values: list[np.ndarray]) -> float:
             second = np.concatenate([np.diff(one, 2, axis=1).ravel() for one in values])

@@ -187,21 +187,21 @@ def sample(
     Readings are assumed to be the model's force plus independent normal noise. Nonlinear parameters have a
     uniform prior within their bounds, and coefficients a flat prior on the set allowed by the constraint;
     both are multiplied by any priors stated in the fit. Active constraints are sampled in terms of their
-    slack. A trajectory that meets another constraint ends there and counts as divergent. The sampler is
-    NUTS (blackjax).
+    slack. A trajectory that reaches another constraint is stopped there and counted as divergent. The
+    sampler is NUTS (blackjax).
 
     Args:
-        result: from `identify` or `identify_together`; with `objective="huber"` the readings keep their
+        result: fit from `identify` or `identify_together`; with `objective="huber"` the readings keep their
             final weights.
         draws: number of draws per chain after the warm-up.
         warmup: number of tuning draws per chain.
         chains: number of chains, each from a different, widely dispersed start.
-        noise: known standard deviation of a reading [N], or (low, high) [N] to sample it with a
-            log-uniform prior. If the readings have standard deviations, `noise` is a factor on them. By
+        noise: known standard deviation of a reading [N], or (low, high) [N] to sample it with a log-uniform
+            prior. If the readings have standard deviations, `noise` is a factor that multiplies them. By
             default it is sampled between the noise assumed in the fit and the largest force. The noise
-            assumed in the fit comes from the standard deviations, from the error of the laws (for a
-            chosen family), or from the noise given with priors. Without any of these, the lower limit is
-            1e-4 of the largest force.
+            assumed in the fit is based on the standard deviations, on the error of the laws (for a chosen
+            family), or on the noise given with priors. Without any of these, the lower limit is 1e-4 of the
+            largest force.
         seed: random seed of the draws.
         progress: called with (0, 1) before sampling.
 
@@ -285,7 +285,7 @@ def posterior_warnings(posterior: Posterior, rmse: float) -> tuple[str, ...]:
     """Return warnings about the draws.
 
     Args:
-        posterior: from `sample`.
+        posterior: result of `sample`.
         rmse: RMSE of the fit, in the unit of the noise.
     """
     found = []

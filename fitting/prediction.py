@@ -49,7 +49,7 @@ def predict(
     """Predict the force of an identified muscle at every combination of length and pressure.
 
     Args:
-        fit: from `load_fit` or `identify`.
+        fit: result of `load_fit` or `identify`.
         length: active lengths [m] as measured by the rig used for the fit, > 0.
         pressure: gauge pressures [Pa], >= 0; may be empty with `onset`.
         onset: also return the pressure at which the force rises from zero at each length.
@@ -166,7 +166,7 @@ def model_forces(
     """Evaluate the model of a fit without clipping negative forces.
 
     Args:
-        fit: from `load_fit` or `identify`.
+        fit: result of `load_fit` or `identify`.
         length: active lengths [m].
         pressure: gauge pressures [Pa], one for each length.
         rest_length: see `predict`.
@@ -417,7 +417,7 @@ def pressures_for(
     """Find the gauge pressure at which an identified muscle exerts each force at each length.
 
     Args:
-        fit: from `load_fit` or `identify`.
+        fit: result of `load_fit` or `identify`.
         length: active lengths [m] as measured by the rig used for the fit, > 0.
         force: forces [N], >= 0.
 
@@ -461,14 +461,15 @@ def predict_history(fit: Identification, history: History) -> list[Row]:
     reverse at any reading and is monotonic between readings.
 
     Args:
-        fit: from `load_fit`, written by `famjax assess --hysteresis`.
+        fit: fit loaded by `load_fit` from a file written by `famjax assess --hysteresis`.
         history: lengths and pressures in order of time.
 
     Returns:
-        One row for each reading, as from `predict`, with `time_s` if there are times. `static_force_N` is
-        the force of the static map, and `hysteresis_N` is the force on the branch minus the static force.
-        `model_force_N` is the unclipped sum of the two, and `force_N` is that sum clipped at 0. The error
-        band of the static map is widened by the error of the branches; `inside` refers to the static map.
+        One row for each reading, as returned by `predict`, with `time_s` if the history contains times.
+        `static_force_N` is the force of the static map, and `hysteresis_N` is the force on the branch minus
+        the static force. `model_force_N` is the unclipped sum of the two, and `force_N` is that sum clipped
+        at 0. The error band of the static map is widened by the error of the branches; `inside` refers to
+        the static map.
 
     Raises:
         InputError: the fit has no hysteresis model.

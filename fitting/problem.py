@@ -51,7 +51,7 @@ class Within(eqx.Module):
     """A larger family whose compiled program several parts share.
 
     Attributes:
-        family: the larger family; fixing some of its numbers gives the family of the part.
+        family: the larger family; fixing some of its parameters yields the family of the part.
         to_p: matrix of zeros and ones that maps the part's nonlinear parameters to those of the larger
             family, shape (whole, q).
         held: values of the larger family's nonlinear parameters that the part keeps fixed; 0 for the
@@ -66,7 +66,7 @@ class Within(eqx.Module):
 
 
 LONG, SPREAD = 256, 128
-"""Number of readings above which a map counts as long, and number that represents it in searches."""
+"""Number of readings above which a map is treated as long, and number that represents it in searches."""
 
 
 class Part(eqx.Module):
@@ -143,9 +143,9 @@ class Problem:
     Attributes:
         parts: one for each force map.
         names: names of the q nonlinear parameters.
-        low, high: bounds of the nonlinear parameters [SI], shape (q,).
+        low, high: bounds on the nonlinear parameters [SI], shape (q,).
         linear: names of the n coefficients, which all parts share.
-        coefficient_min, coefficient_max: bounds of the coefficients, shape (n,); infinite if there is none.
+        coefficient_min, coefficient_max: bounds on the coefficients, shape (n,); infinite if there is none.
         priors: priors on nonlinear parameters.
         coefficient_priors: priors on coefficients.
         noise: standard deviation of a weighted force reading, used to weight priors.
@@ -245,7 +245,7 @@ class PureProblem(eqx.Module):
 
     Attributes:
         parts: one for each force map.
-        low, high: bounds of the nonlinear parameters [SI], shape (q,).
+        low, high: bounds on the nonlinear parameters [SI], shape (q,).
         free: indices of the free parameters.
         limits: bounds on the coefficients as G x >= h; rows of zeros where there is no bound.
         prior_rows: weighted rows and targets of the priors on coefficients.
@@ -311,7 +311,7 @@ class PureProblem(eqx.Module):
         if self.compliant:
             raise InputError(
                 "with a compliant rig, the fit at given parameters is not a convex programme: use identify "
-                "with these parameters held"
+                "with these parameters fixed"
             )
         none = jnp.zeros(self.limits[0].shape[1])
         A, b, G, h = self.programme(p, none, force, force)

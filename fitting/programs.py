@@ -122,7 +122,8 @@ MEMBERS = 16
 
 
 DIRECTIONS = 7
-"""Largest number of free parameters in an automatically chosen family; a program differentiates by each."""
+"""Largest number of free parameters in an automatically chosen family; a program differentiates with
+respect to each."""
 
 
 class Sizes(NamedTuple):
@@ -391,7 +392,7 @@ class Weighing(NamedTuple):
     Attributes:
         force: measured force [N], shape (readings,).
         weight: weights of the readings; 0 for padding, shape (readings,).
-        low, high: bounds of the coefficients; infinite where there is none, shape (coefficients,).
+        low, high: bounds on the coefficients; infinite where there is none, shape (coefficients,).
         rows, targets: further least-squares rows, such as priors.
         d_targets: derivatives of the targets with respect to the parameters, shape (parameters, others).
         ridge: see `Problem`.

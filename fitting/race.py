@@ -240,9 +240,9 @@ def ranked(
 def preferred(tried: Sequence[Tried]) -> list[int]:
     """Return the indices of the families, best first.
 
-    The smallest held-out error ranks first; of equal families, the first on the ladder. Held-out
-    pressures or a few specimens hardly distinguish the laws, so if no lengths could be left out, families
-    within a factor `ALIKE` of the smallest error keep the order of the ladder.
+    The family with the smallest held-out error ranks first; among equals, the first on the ladder does.
+    Held-out pressures, or only a few specimens, distinguish the laws poorly. If no lengths could be left
+    out, families within a factor `ALIKE` of the smallest error therefore keep the order of the ladder.
     """
     least = min(one.held_out for one in tried)
     factor = _TIED if any("length" in one.left_out for one in tried) else ALIKE

@@ -104,7 +104,7 @@ def plot_fit(result: Identification, system: str = "metric") -> Figure:
     """Plot the isobars, the residuals and the bladder law of an identification.
 
     Args:
-        result: result of `identify`.
+        result: fit from `identify`.
         system: "si", "metric" or "us".
 
     Returns:
@@ -162,7 +162,7 @@ def plot_isobars(result: Identification, axes: Axes | None = None, system: str =
     """Plot measured and modelled force against contraction, coloured by pressure.
 
     Args:
-        result: result of `identify`.
+        result: fit from `identify`.
         axes: axes to plot on; default: pyplot's current axes.
         system: "si", "metric" or "us".
 
@@ -323,7 +323,7 @@ class Findings:
     """A fit with its evidence, choice and verdict, formatted as text in a unit system.
 
     Attributes:
-        result: result of `identify`, or the chosen fit of a choice.
+        result: fit from `identify`, or the chosen fit of a choice.
         evidence: validation and uncertainty.
         choice: the `Choice` that produced the result, if any.
         judgement: the verdict; None to derive it from the fit.
@@ -371,7 +371,7 @@ class Findings:
         ]
 
     def _not_separable(self) -> str:
-        """Name the pairs of parameters that the data determine only in combination."""
+        """List the pairs of parameters that the data determine only in combination."""
         if not self.result.certificate.condition <= CONDITION_LIMIT:
             return "some parameters: these data do not determine every parameter separately."
         names, matrix = correlations(self.result)
@@ -593,7 +593,7 @@ def write_fit(
     """Write `fit.json`, `fit.png` and `report.html`: either all of them or none.
 
     Args:
-        result: result of `identify`.
+        result: fit from `identify`.
         folder: output folder, created if missing; files from an earlier fit are replaced.
         system: units of figure and report; `fit.json` is in SI.
         evidence: validation and uncertainty, if available.

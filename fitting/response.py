@@ -1,7 +1,7 @@
 """Response of a model in a fit: force and constraint, linear in the coefficients.
 
-A family builds models from named numbers. The force is affine in some of them, the coefficients. At
-nonlinear parameters p and coefficients x0
+A family builds models from named parameter values. The force is affine in some of the parameters, the
+coefficients. At nonlinear parameters p and coefficients x0
 
     F(x) = force + columns (x - x0),   g(x) = rows (x - x0) + values >= 0.
 
@@ -23,7 +23,7 @@ import famjax
 from .convex import AnyArray
 
 Values = Mapping[str, Any]
-"""Numbers [SI], keyed by name."""
+"""Parameter values [SI], keyed by name."""
 
 RIG = ("series_compliance", "series_exponent")
 """Parameters of the rig, not of the model: compliance and exponent in `famjax.muscle.give_way`."""
@@ -36,7 +36,7 @@ class MuscleFamily(eqx.Module):
     static fields (names, classes) does.
 
     Attributes:
-        nonlinear: names of the searched numbers, in order.
+        nonlinear: names of the parameters found by the outer search, in order.
         linear: names of the coefficients, in which the force is affine, in order.
         source: builder of geometry and muscle, see `fitting.families.AbstractGeometrySource`.
         law: bladder law; None for a model that is not a muscle with a bladder.
@@ -119,7 +119,7 @@ class Report(NamedTuple):
     """Quantities of a fit that the report needs.
 
     Attributes:
-        numbers: all numbers of the model, shape (l,).
+        numbers: all stored values of the model, shape (l,).
         d_numbers: their derivatives with respect to parameters and coefficients, shape (l, q + n).
         derived: derived quantities, shape (d,).
         d_derived: their derivatives with respect to the parameters of the family, shape (d, q).
@@ -285,7 +285,7 @@ def _gain(
 
 
 def flat(model: Any) -> Float[Array, " l"]:
-    """Return all numbers of a model as one vector."""
+    """Return all stored values of a model as one vector."""
     leaves = jax.tree.leaves(eqx.filter(model, eqx.is_inexact_array))
     return jnp.concatenate([leaf.ravel() for leaf in leaves])
 

@@ -124,8 +124,8 @@ class Outlook:
 
     Attributes:
         error: prediction error, a `fitting.bands.ModelError`, or None without held-out readings.
-        directions: directions in which the muscle's numbers vary, see `muscle_spread`; None to compute
-            them by linear theory.
+        directions: directions in which the muscle's stored values vary, see `muscle_spread`; None to
+            compute them by linear theory.
         bootstrap: true if the directions come from bootstrap replicates.
         shared: directions of errors shared by all readings.
         others: further mounted muscles; a prediction is the weighted mean over the muscle and these.
@@ -172,8 +172,8 @@ class Identification:
         active_constraints: one phrase for each active constraint.
         law: the bladder law.
         constraint, seed: options of the fit.
-        weights: factor on the weight of each loaded reading; below 1 only for outliers under the Huber
-            objective.
+        weights: factor applied to the weight of each loaded reading; below 1 only for outliers under the
+            Huber objective.
         converged: true if the best descent is stationary, certified and feasible.
         degrees_of_freedom: readings and priors of all specimens minus the free directions.
         names: names of the nonlinear parameters.
@@ -322,7 +322,7 @@ _PLAIN_AT = {
     "deadband_pressure": "low", "end_factor": "low", "end_length": "low", "braid_compliance": "low",
     "series_compliance": "low", "series_exponent": "high",
 }  # fmt: skip
-"""Bounds at which an effect is absent; an estimate at such a bound is no reason for doubt."""
+"""Bounds at which an effect is absent; an estimate at such a bound does not make the fit doubtful."""
 
 
 class Remark(NamedTuple):

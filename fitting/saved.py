@@ -80,14 +80,14 @@ def load_fit(path: str | Path, *, own: Own = ()) -> Identification:
 
     Args:
         path: a `fit.json`.
-        own: trusted modules and classes, such as `("my_rubber",)` or `(Gent,)`. A fit that names a class
-            from any other module is rejected, because importing that module would run its code.
+        own: trusted modules and classes, such as `("my_rubber",)` or `(Gent,)`. A fit that refers to a
+            class from any other module is rejected, because importing that module would run its code.
 
     Returns:
-        The fit. Enable float64 in JAX first, or the muscle's numbers are rounded to float32.
+        The fit. Enable float64 in JAX first; otherwise the muscle's stored values are rounded to float32.
 
     Raises:
-        InputError: the file is missing, damaged, not a fit, or has an unknown schema, or it names a
+        InputError: the file is missing, damaged, not a fit, or has an unknown schema, or it refers to a
             class that is not trusted.
     """
     path = check_path("a saved fit", path)
@@ -312,7 +312,7 @@ def fit_as_dict(
     """Return the content of `fit.json` in SI.
 
     Args:
-        result: result of `identify`.
+        result: fit from `identify`.
         evidence: validation and uncertainty, if available.
         origin: date and command to record, if any.
         choice: the `Choice` that produced the result, if any.
@@ -430,8 +430,8 @@ def card_of(
     Args:
         fit: result of `load_fit` or `identify`.
         name: name of the muscle; default: that of the specimen.
-        count: number of muscles sampled from the uncertainty; 0 for none. A fit without standard errors
-            has none.
+        count: number of muscles sampled from the uncertainty; 0 for none. No muscles can be sampled from a
+            fit without standard errors.
         seed: random seed for the sample.
         origin: date and command of the card, in addition to those of the fit.
 

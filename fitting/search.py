@@ -101,7 +101,7 @@ def descend_many(
         max_steps: largest number of steps in a descent, including rejected ones.
         tolerance: as in `descend`.
         promise: smallest relative decrease of the cost. A descent ends if its last step was accepted and
-            the next one is predicted to gain less.
+            the next one is predicted to achieve less.
         damping: initial damping, relative to the largest squared column of the Jacobian; smaller near an
             optimum.
         progress: called with (descents done, total).
@@ -420,7 +420,7 @@ def rounding_of(point: Point) -> float:
 
 
 def refine(problem: Problem, best: End, spare: int) -> tuple[End, Problem]:
-    """Make the constraint hold between the stations as well.
+    """Enforce the constraint between the stations as well.
 
     If the weakest point of a path violates the constraint, it replaces the station that was added longest
     ago, and the descent continues.
@@ -467,7 +467,7 @@ class Weights:
     """Weights of the readings for an objective other than the sum of squares.
 
     Attributes:
-        factor: factor on the weight of each reading, shape (points,).
+        factor: factor applied to the weight of each reading, shape (points,).
         threshold: threshold of Huber's objective, in N or, if the readings have standard deviations, as a
             multiple of these; None for other objectives.
     """

@@ -2,7 +2,7 @@
 
 Families are compared by leaving out each specimen in turn. The best model of a single specimen need not
 apply to others: its deadband and dead length absorb whatever is peculiar to that muscle, and distort the
-compliance of the rig.
+estimated compliance of the rig.
 """
 
 import dataclasses
@@ -36,9 +36,9 @@ BETWEEN = 0.02
 share an error, so each specimen has the same weight."""
 
 FROM_ONE = 0.06
-"""Standard deviation of readings about a prediction from one specimen of another length, relative to the
-largest force and excluding the disagreement between models. It was chosen so that the bands contain at
-least 95 % of the readings. In 18 predictions of one muscle from another, among five muscles 12 to 28 cm
+"""Standard deviation of readings about a prediction based on one specimen of a different length, relative
+to the largest force and excluding the disagreement between models. It was chosen so that the bands contain
+at least 95 % of the readings. In 18 predictions of one muscle from another, among five muscles 12 to 28 cm
 long, they contain 96 %."""
 
 _EQUAL = (
@@ -156,7 +156,8 @@ def identify_series(
         The model, with the error of every family.
 
     Raises:
-        InputError: there are fewer than two specimens, a law is unknown, or `identify_together` raises it.
+        InputError: there are fewer than two specimens, a law is unknown, or `identify_together` rejects the
+            data or options.
     """
     if isinstance(laws, str) or not isinstance(laws, Sequence):
         laws = (laws,)

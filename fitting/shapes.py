@@ -35,7 +35,8 @@ MOST_OUTLIERS = 0.1
 MOST_SCATTER = 0.01
 """Largest scatter of the pictures about the surface, relative to the diameter."""
 WITHIN = 0.15
-"""Largest relative error of the turns from the triangle relation, which neglects the narrower ends."""
+"""Largest relative error in the turns computed from the triangle relation, which neglects the narrower
+ends."""
 
 _SCALE_STDERR = "scale_relative_stderr"
 _COLUMNS = {
@@ -270,12 +271,12 @@ def _fit_threads(pictures: Pictures) -> Threads:
 
 @dataclasses.dataclass(frozen=True)
 class HeldOut:
-    """Errors of a surface on held-out pictures.
+    """Errors of a surface for held-out pictures.
 
     Attributes:
         pictures: number of held-out pictures.
         rms: root mean square of measured minus predicted diameters at all positions [m].
-        standardised: the same, relative to the predicted standard deviation; 1 if that is correct.
+        standardised: the same for errors divided by the predicted standard deviation; 1 if that is correct.
     """
 
     pictures: int
@@ -294,8 +295,8 @@ class ShapeSurface:
         diameters: D [m] at both pressures, shape (2, k, m); equal if the shape is independent of pressure.
         draws: diameters of equally probable surfaces, shape (d, 2, k, m). The surfaces differ because of
             the scatter of the pictures, errors common to all pictures, and the error of the scale.
-        draw_scales: factor on the lengths for each draw, shape (d,).
-        held_out: errors on held-out pictures.
+        draw_scales: factor applied to the lengths in each draw, shape (d,).
+        held_out: errors for held-out pictures.
         threads: turns and length of the threads, from the pictures.
         used: names of the pictures that determine the surface.
         left_out: names of the pictures that lie off the surface.
@@ -346,7 +347,7 @@ class ShapeSurface:
         """Return the measured geometry of a muscle.
 
         The triangle relation neglects the ends, where the diameter is smaller, so the number of turns
-        and hence the force are wrong by a few percent. Count the turns, or identify them in the fit.
+        and hence the force are wrong by a few per cent. Count the turns, or identify them in the fit.
 
         Args:
             specimen: specimen with rest length, wall and braid thickness, and bladder diameter, which is
@@ -390,7 +391,7 @@ def shape_surface(
     At each position z/L the diameter is a polynomial in length, with or without terms proportional to
     pressure, fitted by least squares. The degrees are the same at all positions and chosen by
     cross-validation; the degree in length is then raised by two, so that the band covers the bias. Pictures
-    far off the surface are left out and named.
+    far off the surface are left out and listed.
 
     Args:
         pictures: `measurements.nc` from `famjax measure`, with or without pressures.
@@ -524,8 +525,8 @@ def _on_a_surface(pictures: Pictures) -> tuple[NDArray[np.bool_], list[str]]:
     if scatter > MOST_SCATTER:
         raise InputError(
             f"{pictures.source}: the pictures scatter by {scatter:.1%} of the diameter about any smooth "
-            "surface, whereas photographs of one muscle scatter by about 0.1 %: check that lengths, "
-            "pressures and pictures belong together"
+            "surface, whereas photographs of one muscle scatter by about 0.1 %: check that each "
+            "picture has the right length and pressure"
         )
     if keep.all():
         return keep, []

@@ -15,7 +15,7 @@ from famjax.boundary.units import UNITS, Quantity, si_unit, to_si
 from .arguments import is_number, shown
 
 DEFAULT_WALL_THICKNESS = 1.8e-3
-"""Bladder wall [m] of the Festo DMSP (Martens & Boblan 2017), assumed if none is given."""
+"""Bladder wall thickness [m] of the Festo DMSP (Martens & Boblan 2017), assumed if none is given."""
 
 _WALL_OF_BORE = 0.18  # largest ratio of wall to bore, from the DMSP-10, the smallest known DMSP
 
@@ -84,7 +84,7 @@ def check_plausible(what: str, value: float, quantity: str | None, unit: str = "
 
     Args:
         what: subject of the message, such as "the rest length".
-        value: value in SI; zero and non-finite values pass.
+        value: value in SI; zero and non-finite values are accepted.
         quantity: key of `PLAUSIBLE`; None if no range is known.
         unit: unit in which the value was given; default: SI.
 
@@ -110,7 +110,7 @@ def check_plausible(what: str, value: float, quantity: str | None, unit: str = "
     number, low, most = value / scale, known.low / scale, high / scale
     likely = " or ".join(_guesses(abs(number), known, said))
     guess = f"The value looks like {likely}, not {said}" if likely else "Check its unit"
-    longer = ". If it is correct, state it in m" if most < known.high / scale else ""
+    longer = ". If it is correct, specify it in m" if most < known.high / scale else ""
     raise InputError(
         f"{what} is {number:.6g} {said}, but a muscle's {quantity} must be between {low:.3g} and "
         f"{most:.3g} {said}. {guess}{longer}"
@@ -334,5 +334,5 @@ def describe(known: Mapping[str, Any], longest: float) -> Described:
     if "embedded" not in fields and "bladder_diameter" not in fields:
         fields["embedded"] = True
         inside = "the braid is assumed to run inside the wall, as in a Festo DMSP"
-        assume("bladder_diameter", f"bladder's diameter was not given: {inside}")
+        assume("bladder_diameter", f"bladder diameter was not given: {inside}")
     return Described(Specimen(**fields), tuple(notes.values()), tuple(notes))

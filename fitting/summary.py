@@ -26,7 +26,7 @@ _STEP = 1e-3  # finite-difference step on a path, for the curvature of the modul
 def joint_derivatives(
     point: Point,
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k p"], Float[np.ndarray, "m p"]]:
-    """Return the weighted residual, and the Jacobians of residual and constraints in (parameters, x)."""
+    """Return the weighted residual, and the Jacobians of residual and constraints for (parameters, x)."""
     A, G = point.A, point.G
     d_residual, d_slack = partial(point)
     columns = np.zeros((len(d_residual), A.shape[1]))
@@ -65,8 +65,9 @@ def held_and_active(
     """Find parameters that are fixed or at a bound, and the effect of active constraints on the others.
 
     Neighbouring active stations represent one point at which the law touches the constraint. This point
-    moves with the parameters, which adds curvature: for the modulus m(s) with multiplier l, the cost gains
-    l m_s m_s^T / m_ss, where m_s is the derivative of the modulus gradient with respect to s.
+    moves with the parameters, which adds curvature: for the modulus m(s) with multiplier l, the curvature
+    of the cost increases by l m_s m_s^T / m_ss, where m_s is the derivative of the modulus gradient with
+    respect to s.
 
     Args:
         problem: the problem with refined stations.

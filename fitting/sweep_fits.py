@@ -1,6 +1,6 @@
 """Convex fits in a sweep: all orders, pressure dependences and constraints for one force map together.
 
-At a known geometry F = F_0 + sum_n E_n c_n, so each fit is a convex programme with two unknowns for every
+For a known geometry F = F_0 + sum_n E_n c_n, so each fit is a convex programme with two unknowns for every
 order, E_n at the lowest and at the highest pressure. A law with fixed dependence uses only the first of
 these; a law with free dependence has a separate programme for each pressure.
 
@@ -320,7 +320,7 @@ def fits_of(
     constraints: tuple[str, ...],
     objective: str,
 ) -> tuple[Fits, Float[np.ndarray, "orders constraints pressures"]]:
-    """Solve the fits with one dependence on pressure; the axes are (orders, constraints).
+    """Solve the fits with one dependence on pressure; the axes of the result are (orders, constraints).
 
     Args:
         of: the linear problem.

@@ -41,7 +41,7 @@ class SweepRow:
         blocked_error_by_pressure: model minus measured blocked force [N].
         free_contraction_error: mean of |model - measured| [-] over pressures with both values; nan if none.
         free_contraction_error_by_pressure: model minus measured [-]; nan if the model's force does not
-            fall to zero, or the measured force does not come close to zero.
+            fall to zero, or the measured force is never close to zero.
         bic: Bayesian information criterion for independent normal errors and unconstrained coefficients.
         cross_validated_rmse: RMSE [N] at held-out pressures; nan if the law cannot predict other pressures.
         margin: smallest modulus along the actuation paths [Pa]; Drucker-stable when >= 0.
@@ -73,7 +73,7 @@ class SweepRow:
     verdict: str
 
     def as_dict(self) -> dict[str, Any]:
-        """Return JSON-ready numbers and lists; nan stays nan."""
+        """Return JSON-ready numbers and lists; nan is left unchanged."""
         plain = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in vars(self).items()}
         return plain | {"status": self.status.name}
 
@@ -104,8 +104,8 @@ def sweep(
 ) -> Sweep:
     """Fit all combinations of law options at a fixed geometry, each to a certified global optimum.
 
-    The force is linear in the coefficients, so every fit is convex. Constraints also hold between the
-    readings.
+    The force is linear in the coefficients, so every fit is convex. Constraints are also enforced between
+    the readings.
 
     Args:
         data: the force map.

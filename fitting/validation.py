@@ -1,7 +1,7 @@
 """Refit a model repeatedly: cross-validation, profile likelihood, bootstrap.
 
-Cross-validation leaves out pressures, lengths or specimens in turn. A likelihood profile holds a parameter
-away from its optimum. The bootstrap resamples the residuals. All refits of one task run together.
+Cross-validation leaves out pressures, lengths or specimens in turn. A likelihood profile fixes a parameter
+at values away from its optimum. The bootstrap resamples the residuals. All refits of one task run together.
 """
 
 import dataclasses
@@ -28,7 +28,7 @@ _NEARBY: dict[str, Any] = {"damping": 1e-6, "promise": NEAR}
 
 @dataclasses.dataclass(frozen=True)
 class LeftOut:
-    """Prediction errors on held-out readings.
+    """Prediction errors at held-out readings.
 
     Attributes:
         groups: what a group consists of: one or more levels of "pressure" or "length", or a "specimen".
@@ -104,7 +104,7 @@ def validate(
     starting from the optimum and from other points, and the group is predicted.
 
     Args:
-        result: from `identify`, or any result of `identify_together`, which represents all of them.
+        result: fit from `identify`, or any result of `identify_together`, which represents all of them.
         groups: what to leave out, "pressure" or "length".
         starts: number of descents for each group, including one from the optimum for all readings.
         progress: called with (descents done, total).
@@ -236,7 +236,7 @@ class Profile:
     Attributes:
         name: name of the parameter.
         values: values at which the parameter was held [SI], ascending, including the optimum.
-        excess: increase of the sum of squares above the optimum in units of the noise variance. It
+        excess: increase in the sum of squares above the optimum in units of the noise variance. It
             follows chi-squared with one degree of freedom if the model is right; nan if no fit was found,
             for example beyond a constraint.
         interval: (low, high) [SI] with a confidence of 95 %; infinite on a side where the excess stays
@@ -265,7 +265,7 @@ def profile(
     """Profile the likelihood of parameters, with all refits of one parameter in a batch.
 
     Args:
-        result: from `identify`.
+        result: fit from `identify`.
         names: one or several parameters; by default all identified ones.
         points: number of values on either side of the optimum, up to three standard errors or a bound.
         progress: called with (parameters done, total).
@@ -274,7 +274,7 @@ def profile(
         One profile for each name.
 
     Raises:
-        InputError: a parameter is unknown or held, or the coefficients depend on pressure.
+        InputError: a parameter is unknown or fixed, or the coefficients depend on pressure.
     """
     check_identified(result)
     check_whole("points", points, 1)
@@ -309,7 +309,7 @@ def _profile(result: Identification, estimate: Estimate, points: int) -> Profile
         reach = 0.1 * (span if np.isfinite(span) else np.abs(result.coefficients).max())
 
     def side(sign: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return values outwards from the optimum, to a significant excess or a bound, and the excess."""
+        """Return values from the optimum outwards, to a significant excess or a bound, and each excess."""
         values, excess = np.array([estimate.value]), np.zeros(1)
         for times in 2.0 ** np.arange(4):
             end = np.clip(estimate.value + sign * times * reach, estimate.min, estimate.max)
@@ -410,7 +410,7 @@ def bootstrap(
     about a millisecond for 100 readings.
 
     Args:
-        result: from `identify`.
+        result: fit from `identify`.
         replicates: number of replicates.
         seed: random seed of the resampling.
         progress: called with (replicates done, total).

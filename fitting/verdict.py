@@ -98,7 +98,7 @@ def judge(
 
     Args:
         result: the fit.
-        suspicions: from `suspect`.
+        suspicions: result of `suspect`.
         left_out: held-out errors by "pressure" and "length", if known.
         open_question: a sentence about models that fit equally well but disagree, or "".
     """

@@ -2,8 +2,8 @@
 
 Picture coordinates [px]: u to the right, v downwards, pixel centres at integers. World coordinates [m]:
 camera at the origin, X to the right, Y downwards, Z away from the camera. `z` runs along the muscle
-from the inner edge of the upper tape; the length L is the distance between the inner edges of both tapes.
-Start with `measure` (one picture) or `process` (many).
+from the inner edge of the upper tape; the length L is the distance between the inner edges of the two
+tapes. Start with `measure` (one picture) or `process` (many).
 """
 
 import lazy_loader

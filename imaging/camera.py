@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 """Array of positions, brightness values or errors."""
 
 Single = NDArray[np.float32]
-"""Array in single precision, used for whole pictures and large sets of windows."""
+"""Single-precision array, used for whole pictures and large sets of windows."""
 
 Image = NDArray[np.uint8]
 """A picture: RGB with shape (h, w, 3), or one value per pixel with shape (h, w)."""
@@ -66,7 +66,7 @@ class Camera:
         return self.px_per_m * self.distance
 
     def rays(self, u: ArrayLike, v: ArrayLike) -> tuple[Array, Array]:
-        """Return the rays (X/Z, Y/Z) [-] through picture positions u, v [px], broadcast shape."""
+        """Return the rays (X/Z, Y/Z) [-] through picture positions u, v [px]; u and v broadcast."""
         x = (np.asarray(u, float) - self.centre[0]) / self.focal_px
         y = (np.asarray(v, float) - self.centre[1]) / self.focal_px
         if self.k1 == 0:
@@ -98,8 +98,8 @@ def ring_position(
 ) -> Array:  # fmt: skip
     """Return the axial position y [m] of a ring of known radius seen at picture position u, v.
 
-    The straight edge of a tape around a cylinder is a circle, of which the picture shows an arc. For a
-    muscle with a diameter of 1.4 in, 4.6 in above the optical axis and 60 in away, the middle of the arc is
+    The straight edge of a tape around a cylinder is a circle, part of which appears as an arc. If the
+    ring is 1.4 in in diameter, 4.6 in above the optical axis and 60 in away, the middle of the arc is
     0.055 in further from the optical axis than its ends. y = b Z, where Z is the smaller root of
     (a Z - x0)^2 + (Z - d)^2 = R^2.
 
@@ -128,8 +128,8 @@ class Scale:
 
     Attributes:
         px_per_m: scale [px/m], > 0.
-        stderr: standard error of the scale [px/m], >= 0. The picture does not show how far the ruler is
-            from the plane of the muscle's axis; this error is included if `placement_stderr` was stated.
+        stderr: standard error of the scale [px/m], >= 0. It includes the error due to the ruler's unknown
+            distance from the plane of the muscle's axis only if `placement_stderr` was stated.
         tilt_deg: tilt of the ruler in depth [deg].
         residual_px: RMS deviation of the marks from the fit [px].
         marks: number of marks used.
@@ -212,7 +212,7 @@ class Tone:
         return hash(self.table.tobytes())
 
     def light(self, encoded: Array) -> Array:
-        """Return the linear light for encoded values 0 to 255 of any shape; fractions are allowed."""
+        """Return the linear light for encoded values 0 to 255, any shape; non-integers are allowed."""
         return np.interp(encoded, np.arange(256), self.table)
 
     @classmethod
@@ -231,10 +231,10 @@ class Tone:
 def amount_of_luma(tone: Tone, background: Array, muscle: Array) -> Single:
     """Return the amount q of muscle for each luma value; JPEG stores luma at full resolution.
 
-    A pixel with a fraction q of muscle and 1 - q of background has the light b + q (a - b) in each
+    A pixel covered by a fraction q of muscle and 1 - q of background has linear light b + q (a - b) in each
     colour. The weighted sum of the three encoded values is monotonic in q and is inverted here. If the
-    muscle is darker than the background, q is 1 where one of the colours vanishes, because the limb can be
-    darker than the rest of the muscle.
+    muscle is darker than the background, q is 1 where one of the colours reaches zero, because the limb can
+    be darker than the rest of the muscle.
 
     Args:
         tone: tone curve of the camera.
@@ -313,7 +313,7 @@ def profile_from_silhouette(
         right: columns u of the right side [px], greater than `left`, shape (n,).
 
     Returns:
-        The body at the positions visible on both sides; if the axis is rolled, slightly fewer than n.
+        The body at the positions visible on both sides; slightly fewer than n if the axis is rolled.
 
     Raises:
         NoMuscle: no body of revolution has this outline.

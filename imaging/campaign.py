@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 PARTS = "parts"
 """Subfolder for the finished rows."""
 POSITION = np.linspace(0, 1, 201)
-"""Positions z/L of the profiles of all pictures, from the upper tape edge to the lower one."""
+"""Positions z/L at which all profiles are sampled, from the upper tape edge to the lower one."""
 SCALE_STDERR = "scale_relative_stderr"
 """Provenance entry: relative standard error of px/m, common to all lengths and diameters."""
 
@@ -50,11 +50,11 @@ _BLANK: dict[str, Any] = {
     "error": "", "warnings": "", "braid_refusal": "", "numbers": {}, "seconds": math.nan,
     "resolution": math.nan, **dict.fromkeys(_PROFILES, (math.nan,) * POSITION.size),
 }  # fmt: skip
-"""Defaults of a row, see `measured_row`."""
+"""Default entries of a row, see `measured_row`."""
 
 
 def column_unit(name: str, system: str) -> tuple[str, str, float]:
-    """Return the name of a column in a file, its unit, and the conversion factor to SI.
+    """Return a column's name in a file, its unit, and its conversion factor to SI.
 
     >>> [column_unit(name, "metric")[0] for name in ("length", "px_per_m", "roll_deg")]
     ['length_mm', 'px_per_mm', 'roll_deg']
@@ -77,9 +77,9 @@ def measured_row(path: str, recipe: Recipe) -> dict[str, Any]:
 
     Returns:
         A row that can be stored as JSON; entries that do not apply are omitted. `error` is "ClassName:
-        message", and `numbers` are the columns in SI. `diameter`, `diameter_stderr` [m], `braid_angle` and
-        `braid_angle_stderr` [deg] are profiles at `POSITION`. `seconds` since 1970 and `resolution` [s]
-        are those of the time stamp. `warnings` and `braid_refusal` are sentences.
+        message", and `numbers` contains the columns in SI. `diameter`, `diameter_stderr` [m], `braid_angle`
+        and `braid_angle_stderr` [deg] are profiles at `POSITION`. `seconds` [s since 1970] and `resolution`
+        [s] come from the time stamp. `warnings` and `braid_refusal` are messages for the user.
     """
     import cv2  # noqa: PLC0415 -- 0.1 s, and only workers need it
 
@@ -139,28 +139,28 @@ def _sha256(path: str) -> str:
 
 @dataclasses.dataclass(frozen=True)
 class Table:
-    """The measurements of a campaign, in SI.
+    """The measurements of a campaign, in SI units.
 
     Args:
         path: path of each of the n pictures.
         error: "ClassName: message" for each picture, empty if it was measured.
         warnings: warnings for each picture, empty if there are none.
-        columns: numbers by name, each of shape (n,); nan if not available. `time` is counted from the first
-            picture with a time stamp, `contraction` is (rest length - length) / rest length, `x0` is the
-            distance of the muscle's axis from the optical axis, `tilt_deg` is the tilt of the axis in
+        columns: numerical columns by name, shape (n,); nan if not available. `time` is counted from the
+            first picture with a time stamp, `contraction` is (rest length - length) / rest length, `x0` is
+            the distance of the muscle's axis from the optical axis, `tilt_deg` is the tilt of the axis in
             depth, `bow` is the largest deviation of the mid-line from a straight line, and `yarns` is the
             number of yarns around the circumference in each direction. `Quality` describes the quality
             figures.
         diameter: diameter at z/L = `POSITION`, shape (n, 201) [m].
         diameter_stderr: standard error of the diameter, shape (n, 201) [m].
-        braid_angle: braid angle at z/L = `POSITION`, shape (n, 201) [deg]; nan where it is not resolved,
-            as next to the tapes, or not requested.
+        braid_angle: braid angle at z/L = `POSITION`, shape (n, 201) [deg]; nan where it is not resolved
+            (for example, next to the tapes) or was not requested.
         braid_angle_stderr: standard error of the braid angle, shape (n, 201) [deg].
         rest_length: rest length used for the contraction [m]; nan if no picture was measured.
         time_origin: time on the camera's clock at which `time` is zero [s since 1970]; nan if there are no
             time stamps.
-        stamp_resolution: largest step of the time stamps [s]; nan if there are no time stamps.
-        notes: notes for the reader.
+        stamp_resolution: coarsest resolution of the time stamps [s]; nan if there are no time stamps.
+        notes: notes on the results, for the user.
         provenance: version, recipe, sources and their hashes.
     """
 
@@ -200,7 +200,7 @@ class Table:
             rows: rows of the pictures, see `measured_row`; only `path` is required.
             scale_relative_stderr: relative standard error of px/m. It is common to all lengths, and cancels
                 in the contraction if the rest length is one of the measured lengths.
-            rest_length: L0 [m]; None for the longest measured length.
+            rest_length: rest length L0 [m]; None uses the longest measured length.
             provenance: see `Table`.
         """
         rows = [{**_BLANK, **row} for row in rows]
@@ -240,13 +240,13 @@ class Table:
         ]
 
     def csv_text(self, system: str = "us") -> str:
-        """Return `rows` as CSV text; the cells of missing values are empty."""
+        """Return `rows` as CSV text; missing values are left empty."""
         return csv_text([row | {"ok": str(row["ok"]).lower()} for row in self.rows(system)])
 
     def to_xarray(self) -> "xarray.Dataset":
-        """Return the table with profiles, units and provenance, in SI; requires the extra `tables`.
+        """Return an xarray dataset in SI, with profiles, units and provenance.
 
-        The dimensions are `picture` and `position` (z/L).
+        The dimensions are `picture` and `position` (z/L). This method requires the `tables` extra.
 
         Raises:
             ImagingError: xarray is not installed.
@@ -303,7 +303,7 @@ def _contract(
     columns["contraction"] = 1 - length / rest
     columns["contraction_stderr"] = length / rest * relative
     if math.isnan(rest):
-        return rest, "Contraction is not given, because there is no rest length."
+        return rest, "The contraction cannot be computed, because the rest length is unknown."
     return rest, f"Contraction is relative to the rest length {rest * 1e3:.6g} mm, {source}."
 
 
@@ -313,8 +313,8 @@ def _notes(rows: Sequence[Mapping[str, Any]], resolution: float) -> Iterator[str
     if silent := sum(math.isnan(row["seconds"]) for row in good):
         yield f"{silent} of {len(good)} pictures have no time stamp."
     if resolution >= 1:
-        yield "The time stamps are truncated to whole seconds; each picture was taken up to 1 s later."
-    for key, text in (("warnings", "have warnings"), ("braid_refusal", "show no braid angle")):
+        yield "The time stamps are truncated to whole seconds: pictures were taken up to 1 s later."
+    for key, text in (("warnings", "have warnings"), ("braid_refusal", "have no braid angle")):
         if told := [row for row in rows if row[key]]:
             first = told[0]
             yield f"{len(told)} of {len(rows)} pictures {text}; the first is {first['path']}: {first[key]}."
@@ -325,21 +325,21 @@ def process(
     executor: Any = "auto", progress: Callable[[int, int], None] | None = None, *,
     rest_length: float | None = None, provenance: Mapping[str, str] | None = None,
 ) -> Table:  # fmt: skip
-    """Measure the shape in each picture; if a picture cannot be measured, its row states the reason.
+    """Measure the muscle in each picture; if a picture cannot be measured, its row states the reason.
 
     Each finished row is saved in `output/parts`. A campaign that was stopped or killed resumes with the
     remaining pictures, provided that the pictures and the recipe are unchanged.
 
     Args:
-        paths: paths of the pictures, all of one size; duplicates are measured once.
+        paths: paths of the pictures, which must all be the same size; duplicates are measured once.
         recipe: measurement settings, the same for all pictures.
         output: folder for the finished rows, created if missing; None keeps them in memory.
-        executor: number of processes, None for this process, or an executor, see `run_tasks`; its workers
-            need access to the files. "auto" uses one process per core, or only this process if there are
-            few pictures.
+        executor: number of processes, None to use only this process, or an executor (see `run_tasks`)
+            whose workers can access the files. "auto" uses one process per core, or only this process if
+            there are few pictures.
         progress: called with (pictures done, pictures).
-        rest_length: L0 [m] for the contraction; None for the longest measured length.
-        provenance: further entries of the table's provenance.
+        rest_length: rest length L0 [m] for the contraction; None uses the longest measured length.
+        provenance: further entries for the table's provenance.
 
     Returns:
         The table, with rows in the order of the paths.
@@ -354,7 +354,7 @@ def process(
         unique.setdefault(os.path.abspath(path), str(path))
     names = list(unique.values())
     if not names:
-        raise ImagingError("there are no pictures to measure: name at least one")
+        raise ImagingError("there are no pictures to measure: specify at least one")
     if (size := common_size(names)) is not None:
         recipe.camera(*size)  # checks that the crop lies in the frame
     version = importlib.metadata.version("famjax")

@@ -56,9 +56,9 @@ class RecipeOptions:
         number of marks between numerals.
     ruler_placement
         Standard error of the distance between the ruler and the plane of the muscle's axis, such as
-        `0.01in`. The picture does not show this distance, and its error affects every result.
+        `0.01in`. The picture does not show this distance, and an error in it affects every result.
     crop_offset
-        Column and row of the cropped pictures' first pixel in the uncropped camera frame, such as
+        Column and row of the cropped pictures' top-left pixel in the uncropped camera frame, such as
         `1459,531`.
     frame_size
         Width and height of the uncropped camera frame in pixels, such as `5568,3712`.
@@ -74,7 +74,7 @@ class RecipeOptions:
         Known diameter of the tapes on the fittings, used to check the scale.
     braid_angle
         Also measure the braid angle from the weave: its profile, mean and standard error, and the number
-        of turns of a thread.
+        of turns that each thread makes.
     orientation
         Orientation of the muscle in the pictures.
     """
@@ -133,16 +133,16 @@ def measure(
         Time on the test machine's clock when the first picture was taken, such as `12s`, accurate to
         within 10 s. Required if the motion is periodic.
     column
-        Log column for a quantity, by name or number, with its unit, such as `force="Kraft [N]"`. Needed if
-        the column's name is ambiguous. Repeatable; `pressure=-` ignores the pressure. Also accepts
-        `decimal=,` and, for absolute pressures, `atmosphere=101.3kPa`.
+        Name or number of the log column for a quantity, such as `force="Kraft [N]"`, with its unit.
+        Required if the column's name is ambiguous. Repeatable; `pressure=-` ignores the pressure. Also
+        accepts `decimal=,` and, for absolute pressures, `atmosphere=101.3kPa`.
     rest_length
         Rest length used to compute the contraction and to check the scale, such as `9.28in`. If omitted,
         the contraction is computed from the longest measured length.
     diameter
         Nominal diameter of the braid at rest, such as `0.875in`, used to check the scale.
     jobs
-        Number of worker processes. If omitted, one per core if that saves time.
+        Number of worker processes. If omitted, one per core is used where that saves time.
     units
         Units in the CSV file, plots and printed output: us (in, lbf, psi), metric (mm, N, kPa) or si.
     output

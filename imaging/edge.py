@@ -31,7 +31,7 @@ def step(t: ArrayLike, blur: ArrayLike) -> Array:
 def defocused_step(t: ArrayLike, blur: ArrayLike, disk: ArrayLike) -> Array:
     """Return a step at t = 0 blurred by a defocused lens and a Gaussian, 0 outside and 1 inside.
 
-    Across an edge, a disk of radius r weights the light with a semicircle of variance r^2 / 4. The mean of
+    Across an edge, a blur disk of radius r acts as a semicircular weight of variance r^2 / 4. The mean of
     Phi((t - r x) / g) is computed by Gauss-Chebyshev quadrature with six nodes.
 
     Args:
@@ -85,22 +85,22 @@ def _blurred_roots() -> tuple[Array, Array, Array]:
 _DIFFERENCE = 1e-7  # step for derivatives, for unknowns of order 1
 
 Edge = Callable[[Array], Array]
-"""Brightness of an edge as a function of the distance inward t [px], elementwise, in any unit."""
+"""Brightness of an edge, in any unit, as an elementwise function of the distance inward t [px]."""
 
 
 def best_shift(
     windows: NDArray[np.floating], t: Array, edge: Edge, reach: float, spacing: float
 ) -> Array:
-    """Return the shift of the edge in each window, by least squares with free level and height.
+    """Return the shift of the edge in each window, from a least-squares fit with free level and height.
 
-    The variance explained by the model a + b edge(t - shift) is the square of an inner product. It is
-    maximised over the candidate shifts and refined by a parabola. One matrix product covers all windows
+    The variance explained by the model a + b edge(t - shift) is the square of an inner product. The
+    candidate shift that maximises it is refined with a parabola. One matrix product covers all windows
     and shifts.
 
     Args:
         windows: samples, shape (m, n).
         t: distance of the samples inward from the expected edge [px], shape (n,).
-        edge: model.
+        edge: model of the edge.
         reach: largest shift [px].
         spacing: spacing of the candidate shifts [px].
 
@@ -117,7 +117,7 @@ def best_shift(
 
 
 def parabola_peak(energy: NDArray[np.floating]) -> Array:
-    """Return the fractional index of each row's maximum, from a parabola through its neighbours.
+    """Return the fractional index of each row's maximum, from a parabola through it and its neighbours.
 
     Args:
         energy: shape (m, k), k >= 3.
@@ -154,10 +154,10 @@ def height_and_rest(samples: Array, model: Array) -> tuple[Array, Array]:
 
 
 def least_squares(left_over: Callable[[Array], Array], start: ArrayLike, tolerance: float) -> Array:
-    """Minimise the sum of squares of residuals by the Levenberg-Marquardt method.
+    """Return the unknowns that minimise a sum of squared residuals (Levenberg-Marquardt method).
 
     Args:
-        left_over: function from unknowns, shape (p,), to residuals, shape (n,).
+        left_over: function that maps the unknowns, shape (p,), to the residuals, shape (n,).
         start: initial values, shape (p,), of order 1.
         tolerance: relative tolerance of the unknowns.
 
@@ -191,16 +191,16 @@ _LEAST_ANGLE = 0.2  # at 0, a pure Gaussian, the derivative by the disk vanishes
 
 @dataclasses.dataclass(frozen=True)
 class EdgeProfile:
-    """Results of the fit to the mean profiles of both sides.
+    """Results of the fit to the mean brightness profiles of both sides.
 
     Attributes:
         blur: s, standard deviation of the blur across the edge, common to both sides [px].
         disk: fraction of the blur's variance due to the disk of a defocused lens; the rest is Gaussian.
-        shifts: shift of the edge of each side relative to the windows, inward [px], corrected for the light
-            of the first thread.
+        shifts: inward shift of each side's edge relative to the windows [px], corrected for the light of
+            the first thread.
         misfit: RMS difference between profiles and model, relative to the step.
-        flank: brightness of the profiles in excess of the model, 2 to 5 blurs inside the edge, relative to
-            the step; the larger of the two sides.
+        flank: excess brightness of the profile over the model, 2 to 5 blurs inside the edge, relative to
+            the step; the larger value of the two sides.
         rim: brightness 1.5 to 3.5 blurs inside the edge divided by that 4 to 8 blurs inside, mean of both
             sides. The limb of a matte body is never brighter than the area inside it.
         waves: relative deviation of the brightness from that of a smooth limb, 1.5 to 8 blurs inside the
@@ -226,11 +226,11 @@ def edge_profile(
     influence.
 
     Args:
-        profiles: mean brightness of the left and right side along the normal, shape (n,) each.
+        profiles: mean brightness along the normal on the left and right sides, shape (n,) each.
         t: distance of the samples inward [px], shape (n,).
         blur: approximate s [px].
         radius: radius of the body [px].
-        kappas: kappa of both sides, from `limb_strength`.
+        kappas: kappa of each side, from `limb_strength`.
         disk: `EdgeProfile.disk` from the previous pass; None in the first pass.
     """
     near = near_edge(t, blur)
@@ -333,7 +333,7 @@ def _first_thread(own: float, law: float, s: float) -> float:
 
 
 def shine_of(rim: float, flank: float) -> float:
-    """Return the confidence that a limb is glossy, 0 to 1, from rim and flank, see `EdgeProfile`.
+    """Return the confidence that a limb is glossy, 0 to 1, from its rim and flank (see `EdgeProfile`).
 
     The rim of a matte limb is at most 1, and its flank follows the model. On a glossy limb, the brightness
     falls off inside a narrow bright rim.
@@ -366,7 +366,7 @@ def near_edge(t: Array, s: float) -> Flags:
 def limb_strength(light: Array, t: Array, s: float, radius: float) -> float:
     """Return kappa in s0 [1 + kappa sqrt(t - t^2 / (2 R))], the brightness inside the blurred edge.
 
-    The square root holds for a smooth body, and for a woven body if averaged over its threads. It is
+    The square-root law holds for a smooth body, and for a woven body if averaged over its threads. It is
     fitted to the samples that are at least 3 blurs inside the edge.
 
     Args:

@@ -54,7 +54,7 @@ class Ring(NamedTuple):
         stderr: random standard error of y [m].
         spread: standard deviation of the edge about a straight line along the tape [px].
         blur: Gaussian blur of the edge along the axis [px]. If the edge is softer than the outline, the
-            additional blur of colour compared with luma is subtracted.
+            additional blur of the colour channels compared with luma is subtracted.
         arc: points u, v of the edge in the picture [px], shape (2, n).
         lateral: positions across the axis relative to the radius [-], -1 to 1, shape (k,).
         shift: position of the edge along the axis relative to y, at `lateral` [m], shape (k,).
@@ -142,8 +142,8 @@ class _Front:
 
         Chromaticity c = (R, G, B) / (R + G + B) in linear light is independent of shading. A point counts
         as tape if its chromaticity differs from the tape's by less than 0.4 times the difference between
-        tape and braid. Otherwise the tape is covered or glossy there. A tape with the braid's chromaticity
-        cannot be distinguished from an object that covers it.
+        tape and braid. Otherwise the tape must be covered or glossy at that point. A tape with the braid's
+        chromaticity cannot be distinguished from an object that covers it.
         """
         rgb, (_, u, v) = self.photo.rgb, self.around(y, t)
         rows, columns = (
@@ -188,7 +188,7 @@ def find_ring(
     ring becomes a straight line, even if the tape is slanted or leans towards the camera. The quantity
     sampled, the amount of braid, is zero on the tape and its dark rim. Samples at neighbouring X are
     averaged in groups, and a blurred step is fitted to each average. The ring's position is the mean of the
-    steps' positions; its error follows from their scatter.
+    fitted step positions; its error is computed from their scatter.
 
     Args:
         photo: picture.
@@ -469,12 +469,12 @@ class Axis(NamedTuple):
     """Effects of the axis's tilt, distance and bow on length and diameter.
 
     Attributes:
-        distance: distance of the camera [m].
+        distance: camera distance [m].
         distance_stderr: standard error of the distance for tapes wound by hand [m]; 0 if the distance was
             stated.
         tilt, tilt_stderr: see `Depth` [rad].
         bow: largest deviation of the mid-line from a straight line [m].
-        ends: position of the middles of the upper and lower ring relative to `Ring.y` [m].
+        ends: positions of the middles of the upper and lower rings relative to `Ring.y` [m].
         length_factor: correction factor for the length between the rings' middles.
         length_stderr: contribution of the axis to the standard error of the length [m].
         cosine: cosine of the axis's angle in the picture, for each row, shape (n,).
@@ -496,7 +496,7 @@ class Axis(NamedTuple):
 
 
 def depth_of_axis(body: Silhouette, upper: Ring, lower: Ring) -> Depth:
-    """Compute the tilt and the distance from the inclinations of the edges of both tapes.
+    """Compute the tilt and the distance from the inclinations of both tapes' edges.
 
     If the picture is unrolled about an upright cylinder at the correct distance, a ring square to the axis
     becomes a straight line. The front of a leaning ring is lower by p sqrt(R^2 - X^2) at X across the axis.
@@ -530,9 +530,9 @@ def axis_of(
     the same as two tapes with the same lean. An insignificant tilt only contributes to the error. The
     position of a leaning tape is the middle of its ring; the front of the ring is lower by p R. If the
     combined lean of both tapes is below 3.25 standard errors, the tapes are assumed to be square to the
-    axis, because the front of a ring is located three times more accurately than its middle. Above 2.5
-    standard errors, the resulting difference in length contributes to the error, up to the value for tapes
-    wound by hand.
+    axis, because the front of a ring is located three times more accurately than its middle. Between 2.5
+    and 3.25 standard errors, the length difference that the lean would cause contributes to the error, up
+    to the value for tapes wound by hand.
 
     Args:
         camera: camera.
@@ -610,13 +610,13 @@ def axis_of(
 def distance_by_tapes(
     body: Silhouette, upper: Ring, lower: Ring, assumed: float, *, found: bool = False
 ) -> float:
-    """Return the camera distance [m] indicated by the tapes' arcs, or the assumed one if they agree.
+    """Return the camera distance [m] indicated by the tapes' arcs, or `assumed` if they agree with it.
 
     Args:
         body: body of revolution, computed for the assumed distance.
         upper: edge of the upper tape.
         lower: edge of the lower tape.
-        assumed: distance [m].
+        assumed: assumed camera distance [m].
         found: True if the assumed distance was itself estimated from the arcs.
 
     Raises:
@@ -641,7 +641,7 @@ _ARCS = (
 
 
 def ends_aside(camera: Camera, outline: Outline) -> tuple[float, float]:
-    """Return the displacement of a bowed axis to the right at its upper and lower end [m]."""
+    """Return how far a bowed axis is displaced to the right at its upper and lower ends [m]."""
     off, y = _mid_line(camera, outline)
     line = np.polynomial.Polynomial.fit(y, off, 1)(y)
     first, last = ((off - line)[[0, -1]] / camera.px_per_m).tolist()

@@ -41,7 +41,7 @@ class MeasurementErrors(NamedTuple):
     """Components of the standard errors of diameter and length.
 
     All components are estimated from the picture itself. The random error of D combines the edge scatter
-    that passes the smoothing with the detail that the smoothing removes. The edge scatter is at least that
+    that remains after smoothing with the detail that smoothing removes. The edge scatter is at least that
     of the mid-line, because the mid-line of a body of revolution is smooth. The systematic error of an edge
     is the root sum square of two parts: the larger of the first two terms below, and the third. Here s is
     the blur, and kappa and the misfit are defined in `Quality`; the coefficients were determined from
@@ -65,12 +65,12 @@ class MeasurementErrors(NamedTuple):
     The error of the length combines the scatter of both tape edges with 0.05 px per tape for the shading of
     the threads, and with the same 16 m s.
 
-    If no tone curve is stated, 0.09 s is added for each edge of the muscle and the tapes, fully correlated.
-    This is one third of the effect of a gamma of 0.75 or 1.25, and 0.8 of the effect of an S-curve. For the
-    contributions of tilt, distance and bow to the error of the length, see `axis_of`.
+    If no tone curve is stated, 0.09 s is added for each edge of the muscle and tapes, with full
+    correlation. This is one third of the shift caused by a gamma of 0.75 or 1.25, and 0.8 of that due to an
+    S-curve. For the contributions of tilt, distance and bow to the error of the length, see `axis_of`.
 
     Effects that pictures cannot show are not included: a stated tone curve that is wrong, and threads so
-    coarse that their mirrored pattern passes the smoothing. Below 4500 px/m (115 px/in), errors in
+    coarse that their mirrored pattern survives the smoothing. Below 4500 px/m (115 px/in), errors in
     D(z) of rendered braids reach twice the standard error; errors in length and mean diameter reach 1.3
     standard errors at 50 to 110 px/in.
 
@@ -94,7 +94,7 @@ class Measurement:
     The measured edge is the mean outline of the woven threads, whereas a caliper touches their crests.
 
     Attributes:
-        path: path of the picture; empty for an array.
+        path: path of the picture; empty if it was passed as an array.
         z: positions from the upper tape edge, 0 to the length [m], shape (n,).
         diameter: D at z [m], shape (n,).
         diameter_stderr: standard error of D, including the scale [m], shape (n,).
@@ -223,7 +223,7 @@ def _of_placement(recipe: Recipe) -> tuple[str, ...]:
         return ()
     return (
         "the ruler is assumed to lie in the plane of the axis; an offset of 0.1 in changes "
-        f"all lengths by {part:.2%}: state its standard error, as in --ruler-placement 0.01in",
+        f"all lengths by {part:.2%}: state the offset's standard error, as in --ruler-placement 0.01in",
     )
 
 
@@ -235,11 +235,11 @@ _MARGIN = 0.6  # margin relative to the muscle's width
 def draw_overlay(image: Image, trace: Trace, *, thickness: int = 1) -> Image:
     """Draw the outline (red), tape edges (yellow) and mid-line (cyan) on a picture.
 
-    The lines mark the detected edges, not corrected for perspective and roll, to a sixteenth of a pixel.
+    The lines mark the detected edges to a sixteenth of a pixel, without correction for perspective or roll.
 
     Args:
         image: picture, RGB, shape (h, w, 3).
-        trace: trace of its measurement.
+        trace: detected edges, from `Measurement.trace`.
         thickness: line thickness [px].
 
     Returns:

@@ -86,7 +86,7 @@ def _median(values: Array) -> float:
 
 
 def variance_of_smooth(n: int, resolution: float) -> Array:
-    """Return the variance of `smooth` at each of n rows for independent errors of unit variance.
+    """Return the variance of the smoothed curve at each of n rows for independent errors of unit variance.
 
     The variance is 5 pi / 18 * 2 / resolution away from the ends, and several times larger near the free
     ends. The values within one resolution of an end are exact.
@@ -99,7 +99,7 @@ def variance_of_smooth(n: int, resolution: float) -> Array:
 
 
 def density_left_over(off: Array, resolution: float) -> float:
-    """Return the spectral density of the scatter before `smooth`, from the residuals of one picture.
+    """Return the spectral density of the scatter before smoothing, from the residuals of one picture.
 
     The density (variance times rows) is the mean of the periodogram near the wavelength `resolution`,
     corrected for the response of the smoothing. The smoothing removes shorter waves, such as those of the
@@ -143,7 +143,7 @@ def penalty(n: int) -> Array:
 
 
 def correlated_points(off: Array) -> float:
-    """Return the correlation length of residuals, 1 + 2 sum of autocorrelations up to the first zero."""
+    """Return the correlation length of residuals: 1 + 2 x sum of autocorrelations up to the first zero."""
     power = float(off @ off)
     if power == 0:
         return 1.0
@@ -171,7 +171,7 @@ def bow(left: Array, right: Array) -> Array:
 
 
 def off_smooth_midline(left: Array, right: Array) -> Array:
-    """Return the deviation of the mid-line from a cubic [px], shape (n,), for the arguments of `bow`."""
+    """Return the deviation of the mid-line from a cubic [px], shape (n,); arguments as for `bow`."""
     return _smooth_midline(left, right, _CUBIC)[2]
 
 
@@ -229,7 +229,7 @@ class Samples:
 
 
 def first_curve(luma: Image, coarse: Array, inward: int, resolution: float, radius: float) -> Array:
-    """Locate the outline to half a pixel in the encoded values, which show even a dark limb."""
+    """Locate the outline to within half a pixel in the encoded values, which show even a dark limb."""
     start = np.round(_without_dents(coarse, inward, radius)).astype(np.int64)
     reach = min(_FIRST_REACH, round(0.3 * radius))
     offset = np.arange(-reach - 6, reach + 5)
@@ -353,7 +353,7 @@ class Outline:
     Attributes:
         rows: v, shape (n,).
         left, right: the two sides.
-        edge: blur, light and misfit of the mean edge.
+        edge: results of the fit to the mean edge.
         resolution: wavelength reduced to half its amplitude by the smoothing [px].
     """
 
@@ -466,9 +466,9 @@ def find_outline(
 def part_to_keep(steps: Array, last: Array) -> Array:
     """Return the fraction of each side's step to keep, shape (2,).
 
-    The position, height and blur of an edge are fitted together to a flank whose end depends on the curve.
-    Steps can therefore overshoot and alternate in sign. The fraction is computed by the secant method from
-    two such steps.
+    The position, height and blur of an edge are fitted together to a flank whose extent depends on the
+    curve. Steps can therefore overshoot and alternate in sign. The fraction is computed by the secant
+    method from two such steps.
     """
     back = last * steps < 0
     return np.where(back, last / np.where(back, last - steps, 1.0), 1.0).clip(_LEAST_STEP, 1.0)

@@ -29,14 +29,14 @@ _DIMENSIONS = 0xA002, 0xA003
 _ACROSS = frozenset({5, 6, 7, 8})  # rows of the file are columns of the picture
 _INCOMPLETE = "the file must contain a complete picture: copy it again, or export it as JPEG"
 HEIC = (".heic", ".heif")
-"""File suffixes of HEIC pictures; reading them requires the extra `heic`."""
+"""File suffixes of HEIC pictures; reading them requires the `heic` extra."""
 
 
 def read_image(path: str | PathLike[str]) -> Image:
     """Read a picture from a file as RGB, oriented according to its EXIF tag.
 
     OpenCV decodes damaged JPEG files without raising an error; libjpeg only writes a message to standard
-    error. That message is captured and raised as `DamagedImage`. A single flipped bit often causes no
+    error. That message is captured and raised as `DamagedImage`. A single flipped bit often produces no
     message.
 
     Args:
@@ -102,7 +102,7 @@ def _header_fault(data: bytes) -> str:
         try:
             Pictures.open(io.BytesIO(data)).close()
         except Pictures.DecompressionBombError:
-            return "a picture may have at most 178 Mpx, but its header states a larger size"
+            return "a picture must have at most 178 Mpx, but its header states a larger size"
         except (OSError, SyntaxError, ValueError):
             return _INCOMPLETE
     return ""
@@ -172,9 +172,9 @@ class Timestamp(NamedTuple):
 def read_timestamp(path: str | Path) -> Timestamp | None:
     """Return the time at which a picture was taken; None if it is missing or cannot be read.
 
-    The EXIF entry DateTimeOriginal has whole seconds, SubSecTimeOriginal the digits after the decimal
-    point. Without the latter, the time is truncated to whole seconds, on average half a second early. A
-    camera whose clock was never set writes zeros or blanks.
+    The EXIF entry DateTimeOriginal contains whole seconds, and SubSecTimeOriginal the digits after the
+    decimal point. Without the latter, the time is truncated to whole seconds, and is half a second early on
+    average. A camera whose clock was never set writes zeros or blanks.
 
     Args:
         path: JPEG, TIFF, PNG or WebP file.
@@ -206,7 +206,7 @@ class Photograph:
     Attributes:
         rgb: pixels, shape (h, w, 3).
         camera: camera, with its centre in pixels of this picture.
-        path: path of the picture; empty for an array.
+        path: path of the picture; empty if it was passed as an array.
         turned: True if the picture was first rotated a quarter turn clockwise.
     """
 

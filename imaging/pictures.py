@@ -32,7 +32,7 @@ _SCALE = re.compile(r"\s*([\d.]+)\s*(?:\+-\s*([\d.eE+-]+))?\s*(px/[a-z]+)\s*")
 
 
 def expand(photos: Sequence[str], without: str | None = None) -> list[str]:
-    """Return the pictures in these files, folders and patterns, each folder in natural order.
+    """Return the pictures that match files, folders and patterns, with each folder in natural order.
 
     Args:
         photos: files, folders and patterns.
@@ -169,7 +169,7 @@ def check_known_sizes(table: Table, rest_length: float | None, diameter: float |
 
     Args:
         table: measurements.
-        rest_length: L0 [m], if known.
+        rest_length: rest length L0 [m], if known.
         diameter: nominal diameter of the braid at rest [m], if known.
 
     Raises:
@@ -184,7 +184,7 @@ def check_known_sizes(table: Table, rest_length: float | None, diameter: float |
         low, high = np.nanmin(table[column]) / known, np.nanmax(table[column]) / known
         if not least <= low <= high <= most:
             raise ScaleContradiction(
-                f"the pictures show {low:.3g} to {high:.3g} times the {name} of {known * 1e3:.5g} mm; "
+                f"the measured sizes are {low:.3g} to {high:.3g} times the {name} of {known * 1e3:.5g} mm; "
                 f"for a muscle, the ratio must be {least} to {most}: correct the {name} or the scale. "
                 "Check the pitch of the ruler's marks, and that no picture was resized"
             )
@@ -195,8 +195,8 @@ def _unchecked_plane(table: Table, recipe: Recipe) -> Iterator[str]:
     if recipe.scale.source == "ruler" and recipe.tape_diameter is None and table.ok.any():
         larger = 0.01 / float(np.nanmedian(table["distance"]))
         yield (
-            "No picture shows whether the muscle hangs in the ruler's plane. If it hangs 10 mm nearer to "
-            f"the camera, all lengths are {larger:.1%} too large. To check this, state --tape-diameter."
+            "The pictures do not show whether the muscle is in the ruler's plane. If it is 10 mm nearer to "
+            f"the camera, all lengths are {larger:.1%} too large. To check this, specify --tape-diameter."
         )
 
 
@@ -229,7 +229,7 @@ def measure_pictures(
         recipe: see `picture_recipe`.
         provenance: see `process`; the picture in its `ruler` entry is not measured.
         add_log: function that adds columns from a test machine's log, including `log_time`.
-        rest_length: L0 [m]; None for the longest measured length.
+        rest_length: rest length L0 [m]; None uses the longest measured length.
         executor: see `process`.
         system: units in the CSV file and plots.
         output: output folder, created if missing; finished rows in it are reused.

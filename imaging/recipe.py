@@ -26,7 +26,7 @@ class Quality:
             most 0.025 in rendered pictures, and at least 0.07 if an object covers a sixth of the radius.
         misfit: RMS difference between the mean edge and the limb model, relative to the step. Halos and
             sharpening increase it.
-        flank: brightness of the mean edge in excess of the model, just inside the edge, relative to the
+        flank: excess brightness of the mean edge over the model just inside the edge, relative to the
             step. Motion blur increases it.
         rim: brightness of the limb divided by that of the area inside it, see `EdgeProfile`. Values above
             1 indicate gloss or a lamp behind the muscle.
@@ -101,7 +101,7 @@ _CHECKS: tuple[tuple[str, float, type[errors.ImagingError], str], ...] = (
     ("tape_sd_px", 5.0, errors.AmbiguousHue, "the edge of each tape must be straight: check for a torn or "
      "covered tape"),
 )  # fmt: skip
-"""Figures of `Quality`, their limits, and the error for a value beyond the limit.
+"""Figures of `Quality`, their limits, and the error raised for a value beyond the limit.
 
 `blur_ratio` compares the blur of the tape edges along the axis with the blur of the outline across it: the
 larger blur divided by the smaller. With a lens blur of 1 px, the limit of `blur_ratio` is reached if the
@@ -193,7 +193,7 @@ class Recipe:
 
     @property
     def camera_distance(self) -> float:
-        """Stated camera distance [m]; if none was stated, that of the reference work."""
+        """Stated camera distance [m], or 1.524 m (60 in) if none was stated."""
         return REFERENCE_DISTANCE if self.distance is None else self.distance
 
     @property

@@ -234,10 +234,10 @@ def _extrema(slope: Array) -> Array:
 
 
 def numbered(places: Array, pitch: float) -> Numbered | None:
-    """Return the largest set of marks on one projective scale; None if there are fewer than four marks.
+    """Return the largest set of marks that fits one projective scale; None if it has fewer than four marks.
 
-    On a plane ruler at any tilt, the marks lie at px(n) = (a + b n) / (1 + c n). They are first counted
-    from one to the next, then renumbered with the fit until the numbers no longer change.
+    On a plane ruler at any tilt, the marks lie at px(n) = (a + b n) / (1 + c n). They are first numbered by
+    counting from one to the next, then renumbered from the fit until the numbers no longer change.
 
     Args:
         places: centres of the marks, increasing [px], shape (m,).
@@ -359,7 +359,7 @@ def read_strip(light: Single, line: Line) -> Strip | None:
 
 
 def is_ruler(marks: Numbered, part: float = _ON_MODEL) -> bool:
-    """Return True for at least 8 sharp marks that are at least this fraction of those expected."""
+    """Return True if there are at least 8 sharp marks, and at least `part` times the number expected."""
     enough = marks.number.size >= max(FEWEST, part * (int(np.ptp(marks.number)) + 1))
     return enough and marks.residual <= _SHARP * marks.pitch
 
@@ -432,7 +432,7 @@ def pitch_of(light: Single, strip: Strip) -> float:
         strip: strip with the marks.
 
     Raises:
-        AmbiguousRuler: no numerals or longest marks are visible, or two pitches are possible.
+        AmbiguousRuler: neither numerals nor longest marks are visible, or two pitches are possible.
     """
     period = marks_per_number(light, strip)
     readings = _READINGS.get(period or 0, ())
@@ -446,11 +446,11 @@ def pitch_of(light: Single, strip: Strip) -> float:
 
 
 def marks_per_number(light: Single, strip: Strip) -> int | None:
-    """Return the number of marks between numerals, or between the longest marks; None if not visible.
+    """Return the number of marks between numerals, or the longest marks; None if neither is visible.
 
     The ink around the position of each mark is summed along lines parallel to the marks' strip. The period
     of a line is the shortest one that explains almost as much variance as the best one. The longest period
-    of all lines is that of the numerals, because shorter marks repeat more often.
+    among all lines is that of the numerals, because shorter marks repeat more often.
     """
     line, marks = strip.line, strip.marks
     first, last = int(marks.number.min()), int(marks.number.max())
@@ -563,10 +563,10 @@ def calibrate_ruler(
 ) -> Scale:  # fmt: skip
     """Measure the scale in the plane of the muscle's axis from a ruler at the height of the optical axis.
 
-    The mark positions follow px(n) = (a + b n) / (1 + c n) exactly for any tilt in depth. The tilt is
-    sin(tilt) = d c / (1 + c n0) per metre of ruler, with n0 at the optical axis; the scale there is the
-    slope divided by cos(tilt). The picture does not show how far the ruler was in front of or behind the
-    muscle's axis: an offset e causes a relative error of e / d in the scale.
+    The mark positions follow px(n) = (a + b n) / (1 + c n) exactly for any tilt in depth. The tilt follows
+    from sin(tilt) = d c / (1 + c n0), with n in metres of ruler and n0 at the optical axis; the scale there
+    is the slope divided by cos(tilt). The picture does not show how far the ruler was in front of or behind
+    the muscle's axis: an offset e causes a relative error of e / d in the scale.
 
     Args:
         image: path of a picture, or an RGB array, dtype uint8, shape (h, w, 3). The ruler may have any
@@ -574,13 +574,13 @@ def calibrate_ruler(
         pitch: spacing of the finest regular marks [m]; if None, it is inferred from the number of marks
             between numerals or between the longest marks.
         distance: distance d from the camera to the plane of the muscle's axis [m].
-        centre: position (u, v) of the optical axis in the picture [px]; None for the middle.
+        centre: position (u, v) of the optical axis in the picture [px]; None for the middle of the picture.
         k1: radial distortion, see `Camera`; if None, it is estimated from the marks and used if it exceeds
             three standard errors.
         tone: the camera's tone curve, by default sRGB; its influence is small.
         placement_stderr: standard error of the ruler's position in depth [m], included in the standard
             error of the scale. If None, the ruler is assumed to lie in the plane of the muscle's axis, and
-            measurements carry a warning.
+            measurements include a warning.
 
     Returns:
         The scale; `tilt_deg` is positive if the lower or right end is further away.

@@ -23,7 +23,7 @@ def above(image: Image, level: float) -> Mask:
 
 
 def shaped(mask: Mask, operation: int, size: int) -> Mask:
-    """Return a mask after one of OpenCV's morphological operations with a square of `size` px."""
+    """Apply one of OpenCV's morphological operations to a mask, with a square of `size` px."""
     return np.asarray(cv2.morphologyEx(mask, operation, np.ones((size, size), np.uint8)), np.uint8)
 
 
@@ -46,7 +46,7 @@ def largest(mask: Mask) -> tuple[Mask, int]:
 
 
 def sampled(image: Image, mask: Mask, n: int) -> Image:
-    """Return about n pixels of a mask on a regular grid, or all if there are fewer."""
+    """Return about n of the pixels inside a mask, on a regular grid, or all if there are fewer."""
     every = max(1, int(np.sqrt(cv2.countNonZero(mask) / n)))
     return image[::every, ::every][mask[::every, ::every] > 0]
 
@@ -130,7 +130,7 @@ def muscle_mask(rgb: Image) -> MuscleMask:
     the darkest is also split if it has two classes, because a dark blue tape is no brighter than the cloth.
 
     Raises:
-        NoMuscle: no connected object stands out.
+        NoMuscle: no connected object stands out from the cloth.
         Underexposed: the object is too dark.
     """
     red, green, blue = cv2.split(rgb)
@@ -182,7 +182,7 @@ def mask_against_border(rgb: Image) -> MuscleMask:
     """Find the largest object that differs from the left and right borders of its rows, using GrabCut.
 
     The background of a row is assumed to have the colour of the left border, that of the right border, or a
-    colour interpolated between them. This includes two adjacent cloths and a wall in uneven light.
+    colour interpolated between them. This covers two adjacent cloths and a wall in uneven light.
 
     Args:
         rgb: picture, shape (h, w, 3).
@@ -254,11 +254,11 @@ _FEWEST = 50  # pixels of a class
 
 
 def split_by_colour(rgb: Image, muscle: Mask) -> tuple[Mask, float]:
-    """Separate the pixels of the tapes from those of the braid; the tapes cover the smaller area.
+    """Separate the pixels of the tapes from those of the braid, assuming that the tapes cover less area.
 
     Chromaticity c = (R, G, B) / (R + G + B) is independent of the strength of the light. It is split into
     two classes by Otsu's method along its first principal axis, and again along the line between the means
-    of these classes. A fitting or a hose may have a third colour: if the class of the tapes contains two
+    of these classes. A fitting or a hose may have a third colour: if the tape class contains two
     colours, one after the other along the muscle, the outer one is removed. White braids and red tapes
     need no special treatment, because no hue is computed.
 
@@ -382,7 +382,7 @@ class Patch(NamedTuple):
 def two_tapes(coloured: Mask, muscle: Mask, eta: float) -> tuple[Patch, Patch]:
     """Return the two tapes: the upper one first, or the left one if they are at the same height.
 
-    Parts divided by a streak of gloss are joined. Parts with less than a fifth of the pixels of the
+    Parts separated by a streak of gloss are joined. Parts with less than a fifth of the pixels of the
     largest part are ignored.
 
     Args:
@@ -413,7 +413,7 @@ def two_tapes(coloured: Mask, muscle: Mask, eta: float) -> tuple[Patch, Patch]:
         (n == 0 or (n != 2 and eta < TWO_CLASSES), errors.AmbiguousHue,
          "the tapes must differ in colour from the braid: use tape of a different colour"),
         (n == 1, errors.MissingFitting,
-         "two tapes must be visible, but only one is: check if the other is covered, dark or colourless"),
+         "two tapes must be visible, but only one is: the other may be covered, dark or colourless"),
         (n > 2, errors.ExtraFitting,
          "exactly two tapes must be visible: remove other objects of the same colour, or crop the picture"),
     ):  # fmt: skip
@@ -453,7 +453,7 @@ class TapeBand(NamedTuple):
         return (self.box[2] + self.box[3]) / 2
 
     def moved(self, step: int, v0: int, u0: int) -> "TapeBand":
-        """Return the tape in pixels of the whole picture, v = step p((u - u0) / step) + v0."""
+        """Return the tape in pixel coordinates of the whole picture, v = step p((u - u0) / step) + v0."""
         a, b, c = self.inner
         inner = a / step, b - 2 * a * u0 / step, a * u0**2 / step - b * u0 + c * step + v0
         first, last, top, bottom = (row * step + v0 for row in (*self.limbs, *self.box[:2]))
@@ -472,7 +472,7 @@ class Segmentation:
         cloth, braid, tape: median colours, 0 to 255, shape (3,).
         eta_value, eta_hue: separability of muscle and cloth, and of tape and braid, 0 to 1. The first is
             nan if the muscle was not found by its brightness.
-        saturated: fraction of the muscle with a colour at 254 or more.
+        saturated: fraction of the muscle's pixels in which any colour is 254 or more.
     """
 
     rows: Indices
@@ -494,7 +494,7 @@ def segment(rgb: Image) -> Segmentation:
     `muscle_mask` separates the muscle from a dark cloth. If it finds no muscle with two tapes, or if
     muscle and cloth are poorly separated, `mask_against_border` is tried. `split_by_colour` separates the
     tapes from the braid. Large pictures are segmented in two passes: a coarse one that finds the position,
-    and one with every fourth pixel.
+    and a finer one that uses every fourth pixel.
 
     Args:
         rgb: picture, shape (h, w, 3).
@@ -619,7 +619,7 @@ def edge_light(rgb: Image, coarse: Segmentation, tone: Tone) -> tuple[Image, Sin
         The picture, RGB or shape (h, w), and the linear amount of muscle for the values 0 to 255.
 
     Raises:
-        NoMuscle: the contrast is insufficient along the outline.
+        NoMuscle: the contrast along the outline is too low.
     """
     inside, outside = _beside(rgb, coarse, tone)
     if not math.isnan(coarse.eta_value):

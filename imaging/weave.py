@@ -1,4 +1,4 @@
-"""Measure the braid angle along a muscle from the spectrum of its front, unrolled to a plane."""
+"""Measure the braid angle along a muscle from the spectrum of its front surface, unrolled to a plane."""
 
 import dataclasses
 import math
@@ -40,7 +40,7 @@ class Unrolled(NamedTuple):
 
 
 def unrolled(rgb: Image, camera: Camera, body: Silhouette, first: float, last: float) -> Unrolled:
-    """Unroll the front of a body at a spacing of one pixel, correcting perspective, roll and distortion.
+    """Unroll the front of a body at a spacing of one pixel, corrected for perspective, roll and distortion.
 
     The point at azimuth psi and position y is (x0 + R sin(psi'), y, d - R cos(psi')). psi' is measured from
     the optical axis, and psi from the line of sight to the body's axis.
@@ -113,7 +113,7 @@ class Directions(NamedTuple):
     apparent: float
 
     def twist_rate(self, radius: Array) -> Array:
-        """Return a yarn's change of azimuth per arc length, cot(theta) / R [rad/m], at these radii."""
+        """Return a yarn's change of azimuth per unit arc length, cot(theta) / R [rad/m], at these radii."""
         c = self.cosine_per_radius
         return c / np.sqrt(1 - np.minimum(c * radius, float(_COSINES[-1])) ** 2)
 
@@ -264,7 +264,7 @@ class Waves:
             self._windows.append((rows, weight / weight.sum(), off))
 
     def twist_rates(self, n: float) -> tuple[Array, Array]:
-        """Return g, the change of azimuth per arc length, of both families for n yarns in each direction.
+        """Return both families' change of azimuth per unit arc length, g, for n yarns in each direction.
 
         Returns:
             g: [rad/m], shape (2, w).
@@ -296,7 +296,7 @@ class Waves:
         """Return a harmonic's phase on the right relative to the left, minus the value for n yarns.
 
         Returns:
-            The phase [rad], and how well all windows agree, 0 to 1.
+            The phase [rad], and the agreement between all windows, 0 to 1.
         """
         k = np.array([harmonic * n / (2 * np.pi)])
         left, right = (
@@ -318,9 +318,10 @@ def count_yarns(waves: Waves, apparent: float) -> tuple[float, float]:
 
     The yarns are counted from the phase between left and right, which yields n_1 from the first harmonic
     and n_2 from the second. Shading shifts the crests of the second harmonic by about half as much as
-    those of the first; if it is exactly half, 2 n_2 - n_1 is free of the shift. Lamps near the camera add
-    up to one yarn in 24. Braiding machines use even numbers of yarns, so an even number is accepted if
-    n_1, n_2 and 2 n_2 - n_1 are all close to it. Otherwise, n_2 minus its usual excess is returned.
+    those of the first; if it is exactly half, 2 n_2 - n_1 is free of the shift. Lamps near the camera raise
+    the count by up to one yarn in 24. Braiding machines use even numbers of yarns, so an even number is
+    accepted if n_1, n_2 and 2 n_2 - n_1 are all close to it. Otherwise, n_2 minus its usual excess is
+    returned.
 
     Args:
         waves: waves of the muscle.
@@ -368,15 +369,15 @@ class BraidAngle:
     """The angle between yarns and circumference along a muscle, from a picture of its weave.
 
     Attributes:
-        z: positions from the upper tape's edge to the lower one's [m], shape (n,).
+        z: positions from the upper tape's edge to the lower tape's edge [m], shape (n,).
         angle: theta, mean of both families [rad], shape (n,); nan where it is not resolved.
         stderr: standard error of theta [rad], shape (n,).
         refusal: reason why the angle is not resolved anywhere; empty if it is resolved.
         yarns: number around the circumference in each direction, an integer if counted, otherwise an
             estimate; nan if no yarns are visible.
         yarns_stderr: standard error of the number, 0 if counted; nan if no yarns are visible.
-        turns: turns N of a thread over the length; where the angle is not resolved, threads of equal
-            length are assumed.
+        turns: number of turns N of a thread over the length; where the angle is not resolved, threads of
+            equal length are assumed.
     """
 
     z: Array

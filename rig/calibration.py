@@ -67,7 +67,7 @@ class Sensor:
         return self.gain * (np.asarray(counts, np.float64) - self.zero)
 
     def counts(self, value: float) -> float:
-        """Convert a value [unit] to counts, not rounded."""
+        """Convert a value [unit] to unrounded counts."""
         return self.zero + value / self.gain
 
     def error(self, counts: ArrayLike) -> NDArray[np.float64]:
@@ -80,16 +80,16 @@ class Sensor:
 
 
 def fit_sensor(counts: ArrayLike, references: ArrayLike) -> Sensor:
-    """Fit a sensor to reference readings, neglecting the errors of the references.
+    """Fit a sensor to reference readings, neglecting the errors in the references.
 
-    Least squares of counts = zero + references / gain: the counts are noisy, the references are not.
+    Fits counts = zero + references / gain by least squares, because only the counts are noisy.
 
     Args:
         counts: mean counts at each reference, shape (n,), n >= 3, strictly between 0 and 5115.
         references: applied values [unit], shape (n,), at least two of them different.
 
     Returns:
-        The sensor with standard errors of both parameters and their correlation.
+        The sensor, with the standard errors of both parameters and the correlation of these errors.
 
     Raises:
         RigError: there are too few references or all are equal, counts are at the limit of the converter,
@@ -189,7 +189,7 @@ def fit_feed_forward(pressures: ArrayLike, outputs: ArrayLike) -> FeedForward:
     P, u = _pairs("pressures and outputs", pressures, outputs)
     if u.size < 5 or np.unique(u).size < 4 or np.unique(P).size < 4:
         raise RigError(
-            "the cubic requires at least five steps, with four different outputs and pressures; "
+            "the cubic requires at least five steps, with four different outputs and four pressures; "
             f"got {u.size} steps"
         )
     scale = float(np.abs(P).max())

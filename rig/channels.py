@@ -87,7 +87,7 @@ def device_status(link: AbstractLink) -> DeviceStatus:
 
 
 def floor_counts(calibration: Calibration) -> int:
-    """Return the lowest plausible reading of one conversion [counts], or 0 if none can be set.
+    """Return the lowest plausible reading of one conversion [counts], or 0 if no floor can be set.
 
     Gauge pressure is never far below zero. A transducer with a live zero therefore reads far below its
     value at 0 Pa only when it fails; the floor is 60 % of that value. A 0 to 5 V transducer reads 0 both
@@ -138,7 +138,7 @@ def check_channels(link: AbstractLink) -> dict[str, float]:
         The output, and the changes in pressure and load, in counts of one conversion.
 
     Raises:
-        RigError: neither changes, or only the load changes, as it does if the channels are swapped.
+        RigError: neither reading changes, or only the load changes, as happens if the channels are swapped.
     """
     seen = deque[Sample](maxlen=TEST_RECORDS)
     rest = mean_counts(link, 0.5)
@@ -183,7 +183,7 @@ def check_channels(link: AbstractLink) -> dict[str, float]:
 
 
 class FlowWatch:
-    """Detect inflow that contradicts the readings at a held pressure.
+    """Detect inflow that contradicts the readings while a pressure is held.
 
     A muscle that takes in fluid at constant pressure shortens and pulls less. A rising load then means
     that the pressure rises undetected, because of swapped channels or a blocked transducer line.

@@ -1,6 +1,6 @@
 """Control the pressure in a muscle and record tests; see rig/firmware.
 
-A plan file (PLAN.toml) has the units in its keys (psi, kPa, bar, in, mm, ...):
+A plan file (PLAN.toml) states the units in its keys (psi, kPa, bar, in, mm, ...):
 
 ```toml
 [plan]
@@ -269,7 +269,7 @@ def calibrate_pump(
             f"calibrate-pump requires a water circuit; the plan's circuit is {test.circuit!r}"
         )
     if test.calibration is None:
-        raise RigError("[rig] must name a calibration file: calibration = 'calibration.toml'")
+        raise RigError("[rig] must specify a calibration file: calibration = 'calibration.toml'")
     calibration = read_calibration(test.calibration)
     tell_preconditions(test)
     confirm(f"{len(STEPS)} pump steps. {PRESSURISE}", "started", yes=yes)
@@ -303,10 +303,10 @@ def run(
 
     First prints the safety conditions and the steps of the plan, and asks for confirmation. Writes
     `test.fam` to the output folder. At each pressure, the command prompts you to start the strokes of the
-    test machine and waits for them. At a terminal, type a word and press Enter: begin (or Enter alone) once
-    the strokes have begun, or to continue after a pause; pause to hold the pressure; skip to go on to the
-    next pressure; repeat to start this pressure again; stop to end the test. At the end, the command prints
-    a summary table and writes it to `test.csv` in the same folder.
+    test machine and waits for them to begin. At a terminal, type a word and press Enter: begin (or Enter
+    alone) once the strokes have begun, or to continue after a pause; pause to hold the pressure; skip to go
+    on to the next pressure; repeat to start this pressure again; stop to end the test. At the end, the
+    command prints a summary table and writes it to `test.csv` in the same folder.
 
     Parameters
     ----------
@@ -385,7 +385,7 @@ def values(sample: Any, calibration: Any, system: str, *, wanted: float | None =
 
     Args:
         sample: record, or None.
-        calibration: sensor calibration; None shows counts.
+        calibration: sensor calibration; if None, counts are shown.
         system: "si", "metric" or "us".
         wanted: set pressure [Pa], or None.
     """

@@ -61,7 +61,7 @@ ADVICE = {
     "frozen": "the reading did not follow the output: check the transducer and its line first, since the "
     "true pressure may be higher than the reading",
     "no response": "the pressure did not follow the output: check for a blocked transducer line, a missing "
-    "supply or an open circuit; if the circuit is only slow, raise frozen_s in the plan's [rig]",
+    "supply or an open circuit; if the circuit is merely slow, raise frozen_s in the plan's [rig]",
 }
 
 
@@ -73,7 +73,7 @@ class Control:
         proportional: Kp [counts/Pa], >= 0. The device stores it in steps of 1/256 count per psi.
         integral: Ki [counts/(Pa s)], >= 0, stored in steps of 1/256 count per psi and second.
         integral_limits: lower and upper limit of the integral term [counts], within -255..0 and 0..255.
-            Symmetric limits hold the published pressures; limits of 0..255 do not.
+            The published pressures can be held with symmetric limits, but not with limits of 0..255.
     """
 
     proportional: float
@@ -82,20 +82,20 @@ class Control:
 
     @classmethod
     def per_psi(cls, proportional: float, integral: float) -> Self:
-        """Convert gains from counts per psi and counts per psi and second, as in the reference work."""
+        """Return gains from values in counts/psi and counts/(psi s), as used in the reference work."""
         return cls(proportional / PSI, integral / PSI)
 
 
 @dataclasses.dataclass(frozen=True)
 class RigSettings:
-    """Control and trip settings of a device; the reasons are in `firmware/README.md`.
+    """Control and trip settings of a device; `firmware/README.md` explains why they are needed.
 
     Attributes:
         pressure_limit: pressure at which the device trips [Pa gauge]; required.
         control: controller gains.
         jump_limit: pressure change within 10 ms that trips the device [Pa]. A failing transducer jumps, but
             so does the pressure in a small muscle filled through a large valve; such a muscle needs a
-            higher limit, which protects less.
+            higher limit, which offers less protection.
         frozen_output: PWM counts, 1 to 255, by which the output may exceed the holding output; 255 disables
             the check.
         frozen: time [s], 0.1 to 2, after which the device trips if the output is at twice that excess and
@@ -168,7 +168,7 @@ class RigSettings:
             given, highest = (pressure_text(x, self.unit) for x in (limit, most))
             raise RigError(
                 f"the limit of {given} is {counts} counts of the transducer; it must be 1 to {CEILING} "
-                f"counts, here at most {highest}: choose another limit or another transducer"
+                f"counts (at most {highest}): choose another limit or another transducer"
             )
         return counts
 
@@ -181,13 +181,13 @@ class RigSettings:
             given, least, most = (pressure_text(x, self.unit) for x in values)
             raise RigError(
                 f"a jump limit of {given} is {counts} counts of the transducer; it must be "
-                f"{LEAST_JUMP} to 1023 counts, here {least} to {most}"
+                f"{LEAST_JUMP} to 1023 counts ({least} to {most})"
             )
         return counts
 
 
 def stored_settings(commands: list[tuple[str, tuple[float, ...]]]) -> dict[str, Any]:
-    """Return the settings that a device reports after these commands, using its Python port."""
+    """Return the settings that a device reports after these commands, from the firmware's Python port."""
     twin = DeviceControl(0, 0, least_div=1, trip_ceiling=1023, latch=Latch())
     for verb, values in commands:
         words = command_body(0, verb, *values).encode().split()[2:]
@@ -221,7 +221,7 @@ def _device_calibration(calibration: Calibration) -> tuple[float, float]:
 
 
 class Rig:
-    """Control a device with a pressure limit, and record it; leaving the `with` block always vents it.
+    """Control and record a device with a pressure limit; leaving the `with` block always vents it.
 
     Args:
         link: link to the device.
@@ -302,13 +302,13 @@ class Rig:
 
     @property
     def pressure(self) -> float:
-        """Pressure of the newest record [Pa gauge]; nan if there is none."""
+        """Pressure in the newest record [Pa gauge]; nan if there is no record."""
         newest = self.link.newest
         return float(self.calibration.pressure.value(newest.pressure_sum if newest else math.nan))
 
     @property
     def force(self) -> float:
-        """Force of the newest record [N]; nan if there is none."""
+        """Force in the newest record [N]; nan if there is no record."""
         newest = self.link.newest
         return float(self.calibration.force.value(newest.force_sum if newest else math.nan))
 
@@ -343,7 +343,7 @@ class Rig:
                 case Lost(_, _, records):
                     self.lost += records
                 case Reset(old, new, cause):
-                    what = f"was reset (boot {old} to {new}, cause {cause}) and vents"
+                    what = f"was reset (boot {old} to {new}, cause {cause}) and is venting"
                     self.fault(f"the device {what}; check its power supply")
                 case Silent(seconds):
                     what = f"has been silent for {seconds:.1f} s and will vent by itself"
@@ -363,7 +363,7 @@ class Rig:
             )
 
     def sync(self, seconds: float) -> None:
-        """Raise the sync pin for a time [s], rounded to whole records, and note the first of them.
+        """Raise the sync pin for a time [s], rounded to whole records, and note the first record.
 
         Raises:
             RigError: the time is shorter than one record or longer than 1000 records.
@@ -386,7 +386,7 @@ class Rig:
             raise RigError(
                 f"this is board {hello.board}, but the calibration is for board {calibration.board} (0: no "
                 f"number): calibrate again, or, if the calibration is valid for this board, write "
-                f"board = {hello.board} as the first line of its file"
+                f"board = {hello.board} as the first line of the calibration file"
             )
         commands = self.settings.commands(calibration)
         for verb, values in commands:
@@ -427,10 +427,10 @@ class Rig:
             trip = {"cause": fault, "tick": status.tripped_at, "counts": status.tripped_count,
                     "output": status.tripped_output}  # fmt: skip
         state = STATES[record.state]
-        self.fault(f"the device went to {state} by itself: {said}; it vents", **trip)
+        self.fault(f"the device went to {state} by itself: {said}; it is venting", **trip)
 
     def fault(self, what: str, **trip: object) -> NoReturn:
-        """Stop the heartbeats, note a fault and raise it as `RigFault`: the device vents."""
+        """Stop the heartbeats so that the device vents, note the fault, and raise it as `RigFault`."""
         self._active_from = None
         self.link.rest()
         self.note("fault", what=what, **trip)
@@ -443,7 +443,7 @@ class Rig:
             self._active_from = self.link.command(verb, *values).seq
         except RigError:
             if (status := device_status(self.link)).state == TRIP:
-                self.fault(f"the device tripped: {trip_text(status, self.calibration)}; it vents")
+                self.fault(f"the device tripped and vented: {trip_text(status, self.calibration)}")
             raise
 
     def _not_vented(self) -> str | None:
@@ -490,7 +490,7 @@ def acknowledge(link: AbstractLink, calibration: Calibration | None = None) -> N
 
     Args:
         link: link to the device.
-        calibration: calibration of its transducer, used to restore the floor, which a reset device loses.
+        calibration: calibration of its transducer, used to restore the floor, which is lost in a reset.
 
     Raises:
         RigError: the device refuses, because the pressure is at the limit, the reading is out of range, or

@@ -237,7 +237,7 @@ class DeviceControl:
 
     @property
     def settings(self) -> DeviceSettings:
-        """Settings that govern the records from `since` on."""
+        """Settings that govern the records from `since` onwards."""
         guards = self.div, self.trip, self.jump, self.stall, self.silent, self.floor, self.ceiling
         watch = self.plausibility
         frozen = watch.still, watch.frozen, watch.frozen_ticks
@@ -337,8 +337,8 @@ class Plausibility:
         still: ticks after which the device trips if a reading that varied at rest stays within
             `WIDE_BAND`; more ticks are needed if it varied less.
         frozen: PWM counts by which the output may exceed the holding output.
-        frozen_ticks: ticks after which the device trips if the output is at twice that excess; fewer at a
-            larger excess.
+        frozen_ticks: ticks after which the device trips if the output is at twice that excess; fewer ticks
+            are needed at a larger excess.
         alive: `NOT_KNOWN`, `QUIET` or `ALIVE`.
     """
 
@@ -354,7 +354,7 @@ class Plausibility:
         self._leapt = False
 
     def enter(self, reading: int, recent: Sequence[int]) -> None:
-        """Switch the output on; `recent` holds the last five readings and `reading` the latest."""
+        """Start checking with the output on; `recent` is the last five readings, `reading` the latest."""
         self._close.low = self._close.high = reading
         self._held = self._settled = self._still_ticks = self._close_ticks = 0
         self._push = self._wound_push = 0
@@ -362,19 +362,19 @@ class Plausibility:
         self._expect_answer(START, 0, recent)
 
     def rest(self) -> None:
-        """Switch the output off and forget earlier observations."""
+        """Discard earlier observations, because the output is being switched off."""
         self._watch_ticks = 0
 
     def change(
         self, before: ControlLaw, law: ControlLaw, trip: int, integral: int, recent: Sequence[int]
     ) -> None:
-        """Apply a new law or limit; the pressure must respond to a higher set point."""
+        """Process a new law or limit; the pressure must respond to a higher set point."""
         if law.set_point >= before.set_point + STEP_SIZE and self._asked == NOTHING:
             self._expect_answer(STEP, integral, recent)
         self._headroom = -pressure_error(law, trip)
 
     def watch(self, reading: int) -> None:
-        """Observe a reading at rest; a frozen reading can be detected only if the reading varies."""
+        """Observe a reading at rest; freezing can be detected only if the reading normally varies."""
         if self._watch_ticks == 0:
             self._watch_from, self._moves = reading, 0
         self._moves += self._wide.left(reading, REST_BAND)

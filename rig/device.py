@@ -64,7 +64,7 @@ def firmware_folder() -> Path:
 
 
 class Device:
-    r"""The device as seen by the host: it takes bytes and counts, and returns bytes and an output.
+    r"""The device as seen by the host: it accepts bytes and counts, and returns bytes and an output.
 
     It has no clock and no thread: `tick` is one 2 ms tick of the controller. As on the hardware, each tick
     reads at most one line, answers it, and sends up to `bytes_per_tick` bytes.
@@ -147,7 +147,7 @@ class Device:
         return self._control.latch.board
 
     def feed(self, data: bytes) -> None:
-        """Receive bytes; those in excess of `RECEIVE_LIMIT` unread bytes are lost and counted."""
+        """Receive bytes; any beyond `RECEIVE_LIMIT` unread bytes are lost and counted."""
         room = RECEIVE_LIMIT - len(self._received)
         self._received += data[:room]
         self._overrun = (self._overrun + max(len(data) - room, 0)) & 0xFFFF

@@ -64,7 +64,7 @@ class Attendant:
         """Show a message to the operator."""
 
     def look(self, situation: Situation) -> Request:  # noqa: ARG002 -- for subclasses
-        """Return a request; called about twenty times a second."""
+        """Return the attendant's request; called about twenty times a second."""
         return ""
 
 
@@ -74,7 +74,7 @@ def prepare(test: PlanFile, folder: str | Path, *, resume: bool = False) -> tupl
     Args:
         test: contents of the plan file.
         folder: folder of the journal.
-        resume: resume the existing journal.
+        resume: True to resume the existing journal.
 
     Returns:
         The calibration, and the first block to run.
@@ -84,7 +84,7 @@ def prepare(test: PlanFile, folder: str | Path, *, resume: bool = False) -> tupl
             another test.
     """
     if test.calibration is None:
-        raise RigError("[rig] must name a calibration file: calibration = 'calibration.toml'")
+        raise RigError("[rig] must specify a calibration file: calibration = 'calibration.toml'")
     calibration, journal = read_calibration(test.calibration), Path(folder) / JOURNAL
     first = _resumed_block(read_journal(journal), test, calibration) if resume else 0
     _check(test, calibration, first)
@@ -149,8 +149,8 @@ def record_test(
         link: link to the device.
         calibration: sensor calibration.
         path: path of the journal.
-        append: continue the existing journal.
-        began: start time of a simulated test; None for now.
+        append: True to continue the existing journal.
+        began: start time of a simulated test; None uses the current time.
         first_block: see `run`.
         attendant: see `run`.
         **more: arguments `machine` and `start`, passed to `run`.
@@ -199,11 +199,11 @@ def run(
             of the strokes.
         first_block: first block to run.
         attendant: receives the prompts and is polled during the run.
-        start: event that marks the start of the strokes without a machine: the prompt, the attendant's
-            word, or a change of the load within `LOAD_TIME`.
+        start: event that marks the start of the strokes if `machine` is None: the prompt, the attendant's
+            word, or a change in the load within `LOAD_TIME`.
 
     Raises:
-        RigError: see `check_plan`; nothing has been started.
+        RigError: see `check_plan`; raised before anything is started.
         RigFault: the test was stopped.
     """
     check_plan(plan, rig.calibration, rig.settings, first_block)
@@ -236,8 +236,8 @@ def sync_seconds(block: int) -> float:
     """Return the duration of the sync pulse at the first stroke of a block [s].
 
     Sixteen consecutive blocks have distinct durations, so even a log with missing pulses can be aligned.
-    Each duration is an odd number of 10 ms records, so the two edges fall differently between the rows of
-    a 50 Hz log.
+    Each duration is an odd number of 10 ms records, so the two edges fall at different positions between
+    the rows of a 50 Hz log.
 
     >>> sync_seconds(0), sync_seconds(3)
     (0.51, 1.29)
@@ -330,7 +330,7 @@ class _Run:
                 held, before = True, list(self._loads)
                 tell(self._start_strokes())
             elif asked == "begin":
-                tell("not yet: the pressure is not held; wait, or type stop")
+                tell("not yet: the set pressure has not been reached; wait, or type stop")
             left -= 0 if self._paused else LOOK
             if self._start == "load" and left <= 0:
                 rig.fault(

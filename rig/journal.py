@@ -67,9 +67,9 @@ class Journal(contextlib.AbstractContextManager):
     Args:
         path: path of the file; created, or with `append` continued after its last complete line.
         now: function that returns the time for notes [s].
-        append: continue an existing journal.
+        append: True to continue an existing journal.
         plan_seconds: expected duration [s]; the disk must have room for three times as much data.
-        began: start time of a simulated recording; None for now.
+        began: start time of a simulated recording; None uses the current time.
 
     Raises:
         RigError: the file exists (or, with `append`, does not exist), its folder cannot be written to,
@@ -110,12 +110,12 @@ class Journal(contextlib.AbstractContextManager):
         self.close()
 
     def lines(self, data: bytes) -> None:
-        """Queue verified lines from the device, with their line ends."""
+        """Queue verified lines from the device, including their line endings."""
         with self._lock:
             self._put(data)
 
     def note(self, kind: str, /, **fields: Any) -> None:
-        """Queue a note; fields must be JSON values with finite numbers, with units in their names."""
+        """Queue a note; fields must be JSON values with finite numbers, and have units in their names."""
         with self._lock:
             content = {"note": kind, "n": self._notes, "at": round(self._now(), 6), **fields}
             text = json.dumps(content, allow_nan=False, separators=(",", ":"))
@@ -131,7 +131,7 @@ class Journal(contextlib.AbstractContextManager):
         """Raise if the recording has failed.
 
         Raises:
-            RigFault: the recording has failed; everything written before is kept.
+            RigFault: the recording has failed; everything written before the failure is kept.
         """
         if self._failure is not None:
             raise RigFault(self._failure)
@@ -333,8 +333,8 @@ def summary(record: Record) -> list[dict[str, Any]]:
 
     Returns:
         Rows with the block, the set pressure [Pa], the mean and the root-mean-square error of the pressure
-        [Pa] during the strokes (nan if there were none), the number of strokes there and back that were
-        completed, the number of device trips, and whether the block was completed.
+        [Pa] during the strokes (nan if there were none), the number of completed strokes (there and back),
+        the number of device trips, and whether the block was completed.
     """
     rows: list[dict[str, Any]] = []
     begun: dict[str, Any] = {}
@@ -377,7 +377,7 @@ def _held(
 
 
 def write_summary(journal: Path, unit: str) -> list[str]:
-    """Write a journal's summary next to it as CSV; return it as lines of text in a pressure unit."""
+    """Write a summary as CSV next to the journal; return it as lines of text, with pressures in `unit`."""
     rows = summary(read_journal(journal))
     with journal.with_suffix(".csv").open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, rows[0] if rows else ())

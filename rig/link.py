@@ -1,6 +1,6 @@
 """Connection to a device: the host's side of the protocol, and recording.
 
-`Session` has no clock and no thread: it takes bytes and times, and returns bytes and events. Every record
+`Session` has no clock and no thread: it accepts bytes and times, and returns bytes and events. Every record
 is returned exactly once. Missing records are requested again, and doubtful records must be confirmed. A
 command is repeated until the device answers it. Heartbeats continue only while a test is supervised. `Link`
 runs a session over a real port in real time; `VirtualLink` runs one over a simulated rig in virtual time.
@@ -133,8 +133,8 @@ class Session:
         ring: number of records that the device can repeat.
         recovered: number of records received on request.
         settings: settings that govern the records; None until the device has reported them.
-        hello: last hello, or None.
-        status: last status, or None.
+        hello: last hello message, or None.
+        status: last status message, or None.
         bad_lines: number of lines refused.
 
     >>> session = Session()
@@ -245,7 +245,7 @@ class Session:
     def poll(self, now: float) -> bytes:
         """Return the bytes to send at host time `now` [s]: heartbeat, command, request for records.
 
-        The device takes any line as a sign of life. While the device drives its output, the session
+        The device treats any line as a sign of life. While the device drives its output, the session
         therefore sends nothing of its own accord after the last heartbeat.
         """
         out = b""
@@ -545,7 +545,7 @@ class AbstractLink(contextlib.AbstractContextManager):
             self._journal.check()
 
     def keep_alive(self) -> None:
-        """Extend the heartbeat deadline to five seconds from now; only for code that supervises a test."""
+        """Extend the heartbeat deadline to 5 s from now; only code that supervises a test may call this."""
         with self._lock:
             self.session.keep_alive(self.now)
 
@@ -633,8 +633,8 @@ def serial_opener(path: str, baud: int = 115200) -> Callable[[], Any]:
 class Link(AbstractLink):
     """A link over a real port, in real time; one thread owns the port.
 
-    If the port disappears, it is reopened as soon as it returns. Until then, records and heartbeats are
-    missing, and a running device vents within its silence limit.
+    If the port disappears, it is reopened as soon as it is available again. Until then, records and
+    heartbeats are missing, and a running device vents within its silence limit.
 
     Args:
         opener: function that opens the port, such as the one returned by `serial_opener`. The port must
@@ -676,7 +676,7 @@ class Link(AbstractLink):
         time.sleep(max(seconds, 0.0))
 
     def close(self) -> None:
-        """End the thread and close the port."""
+        """Stop the thread and close the port."""
         self._closing.set()
         self._thread.join()
         self._drop()
@@ -752,7 +752,7 @@ def mean_counts(
     """Return the pressure and force counts (sums of five readings), averaged over a time [s].
 
     Args:
-        link: link to the device, after its hello, in any state; nothing is sent.
+        link: link to the device, after its hello; the device may be in any state, and nothing is sent.
         seconds: averaging time.
         wait: function that waits for a time [s] and supervises the run; omit it if no run is active.
 

@@ -41,7 +41,7 @@ class Isobaric:
 
     pressures: Annotated[
         tuple[NotNegative, ...],
-        Meta(min_length=1, description="at least one pressure, each a number >= 0 and finite"),
+        Meta(min_length=1, description="at least one pressure, each a finite number >= 0"),
     ]
     cycles: Annotated[int, Meta(ge=1, description="a whole number >= 1")]
     stroke: Positive

@@ -81,7 +81,7 @@ def pressure_error(law: ControlLaw, counts: int, ticks: int = 1) -> int:
 def next_integral(law: ControlLaw, integral: int, error: int) -> int:
     """Return the integral term after one record [1/32768 PWM count], limited to [low, high].
 
-    I + round(Ki E / 500), with halves rounded away from zero.
+    The unlimited value is I + round(Ki E / 500), with halves rounded away from zero.
 
     Args:
         law: control law.
@@ -197,7 +197,7 @@ class DeviceStatus(NamedTuple):
 
 
 class DeviceSettings(NamedTuple):
-    """Settings that govern the records from number `since` on.
+    """Settings that govern the records from number `since` onwards.
 
     `P,boot,since,<law>,div,trip,jump,stall,silence,floor,ceiling,still,frozen,frozen_ticks`.
 
@@ -296,7 +296,7 @@ def crc16(data: bytes) -> int:
 
 
 def frame(body: str) -> bytes:
-    r"""Return the line made of `body`, ASCII without asterisks or line ends, and its CRC.
+    r"""Return a line made of `body` (ASCII without asterisks or line endings) and its CRC.
 
     >>> frame("0 hb")
     b'0 hb*E088\n'
@@ -369,7 +369,7 @@ def _of_integers(kind: bytes, fields: list[bytes]) -> Message | None:
 
 
 class Splitter:
-    r"""Split a stream of bytes into lines; only the last `limit` bytes without a line end are kept.
+    r"""Split a stream of bytes into lines; only the last `limit` bytes of an unfinished line are kept.
 
     >>> Splitter(limit=200).feed(b"one\ntwo\n\nthr")
     [b'one', b'two']
@@ -380,7 +380,7 @@ class Splitter:
         self._rest = b""
 
     def feed(self, data: bytes) -> list[bytes]:
-        """Return the lines completed by `data`, without line ends and without empty lines."""
+        """Return the lines completed by `data`, without line endings and without empty lines."""
         *lines, rest = (self._rest + data).split(b"\n")
         self._rest = rest[-self._limit :]
         return [line for line in lines if line]

@@ -49,7 +49,7 @@ class SimulatedSensor:
         noise: standard deviation of the normal noise [SI].
         correlation_time: correlation time of the noise [s]; 0 for white noise. Averaging does not remove
             correlated noise, such as electrical pick-up and pump ripple.
-        low_volts: output [V] at `low`; above 0, so that a broken wire differs from a low reading.
+        low_volts: output [V] at `low`; above 0, to distinguish a broken wire from a low reading.
         high_volts: output [V] at `high`.
     """
 
@@ -72,7 +72,7 @@ class SimulatedSensor:
         return self.low_volts * _STEPS / _REFERENCE_VOLTS - self.low * self.counts_per_unit
 
     def counts(self, reading: float, error: float = 0.0) -> int:
-        """Return the counts [0..1023] of a reading [SI] with an error [counts]."""
+        """Return the counts [0..1023] for a reading [SI] with an error [counts]."""
         counts = int(self.zero_counts + self.counts_per_unit * reading + error)
         return 0 if counts < 0 else counts if counts < FULL_COUNTS else FULL_COUNTS
 
@@ -261,7 +261,7 @@ class ByteChannel:
         self.waiting, self.cut = 0, False
 
     def send(self, data: bytes, now: float) -> None:
-        """Send bytes at a time [s], which must not decrease."""
+        """Send bytes at a time [s], which must not decrease from call to call."""
         if self.cut or not data:
             return
         if self._limit is not None:
@@ -296,8 +296,8 @@ class ByteChannel:
 class SimulatedRig:
     r"""A device with its sensors and its plant, at the far end of a serial line.
 
-    `advance` runs the rig in virtual time. The same arguments give the same bytes, regardless of
-    the steps in which the rig is advanced.
+    `advance` runs the rig in virtual time. The same arguments produce the same bytes, regardless of
+    the time steps by which the rig is advanced.
 
     Args:
         circuit: circuit; pneumatic if omitted.
@@ -422,12 +422,12 @@ class SimulatedRig:
 def machine_for(
     muscle: AbstractMuscle, clock: MachineClock | None = None, seed: int = 0
 ) -> TestMachine:
-    """Return a test machine at a muscle's rest length, with a limit switch above its shortest length.
+    """Return a test machine at a muscle's rest length, with a limit switch just above its shortest length.
 
     Args:
         muscle: muscle.
         clock: clock used for the machine's log.
-        seed: seed for the noise on its load.
+        seed: seed for the noise on the machine's logged load.
     """
     rest, least = float(muscle.rest_length), float(muscle.length_range()[0])
     return TestMachine(rest, shortest=least + 0.01 * (rest - least), clock=clock, seed=seed)

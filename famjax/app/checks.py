@@ -77,17 +77,18 @@ class Check:
 
 
 def settle(checks: Sequence[Check], place: Path) -> None:
-    """Write the results of a step's checks to its folder; raise an error if two sources are contradictory.
+    """Write a step's check results to its folder; raise an error if two sources contradict each other.
 
     Raises:
-        InputError: there is a contradiction; the message describes it and how to resolve it.
+        InputError: two sources contradict each other; the message describes how and what to do
+        about it.
     """
     text = json.dumps([dataclasses.asdict(one) for one in checks], indent=1)
     (place / CHECKS).write_text(text + "\n", encoding="utf-8")
     wrong = [one.sentence() for one in checks if one.verdict == CONTRADICTS]
     if wrong:
         raise InputError(
-            f"files in the folder contradict each other. {' '.join(wrong)} All checks are in "
+            f"files in the folder contradict each other. {' '.join(wrong)} All checks are listed in "
             f"{place / CHECKS}. If you know that a measurement is less accurate, enter its standard error "
             "under [errors] in the sheet"
         )

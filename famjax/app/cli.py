@@ -41,7 +41,7 @@ RIG_COMMANDS = (
 """Commands under `famjax rig` that import other packages; `rig.cli` defines the rest."""
 
 STANDARD_INPUT = "<stdin>"
-"""Placeholder that replaces the argument `-` and means standard input."""
+"""Placeholder that replaces the argument `-`, which means standard input."""
 STOPPED, NO_READER = 130, 141
 """Exit codes after Ctrl-C, and after the reader closes the output pipe (as for SIGPIPE)."""
 
@@ -73,10 +73,10 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def clashes() -> list[str]:
-    """Return one sentence for each sibling package that other code shadows, without importing any.
+    """Return one sentence for each sibling package shadowed by other code, without importing any.
 
     Other distributions use two of these package names, and a user's folder may contain a `fitting.py`.
-    Every package that belongs to famjax contains the name `__famjax__`.
+    Every package that belongs to famjax defines the name `__famjax__`.
     """
     found = []
     for name in ("fitting", "imaging", "rig"):

@@ -192,7 +192,7 @@ def _system(
 
 
 def feed_forward(circuit: "AbstractCircuit") -> Any:
-    """Return the polynomial coefficients of the output that holds a pressure, as a calibration does."""
+    """Return the coefficients of the output that holds a pressure, as found in a calibration."""
     from famjax.units import PSI
     from rig.calibration import fit_feed_forward
 

@@ -197,7 +197,8 @@ def read_sheet(folder: Path) -> Sheet:
 
 
 MARK = "step.json"
-"""File in a step's folder with digests of the step's inputs and, once it is complete, of its output."""
+"""File in a step's folder with digests of the step's inputs and, once the step is complete, of its
+output."""
 
 
 class Steps:

@@ -40,10 +40,11 @@ def table(record: Record) -> dict[str, NDArray[Any]]:
         record: journal, with the calibration of its sensors.
 
     Returns:
-        Arrays of shape (n,): time on the host's clock, as in the notes (nan for a boot shorter than half
-        a second); time on the device's clock; pressure and force, averaged over the ticks of a record;
-        set pressure of the controller (nan if unknown); output [0..255] and integral [counts]; state and
-        fault as indices into `STATES` and `FAULTS`; sync; block of the plan (-1 outside a block).
+        Arrays of shape (n,): time on the host's clock, as in the notes (nan for a boot that lasted
+        less than half a second); time on the device's clock; pressure and force, averaged over the
+        ticks of a record; set pressure of the controller (nan if unknown); output [0..255] and
+        integral [counts]; state and fault as indices into `STATES` and `FAULTS`; sync; block of the
+        plan (-1 outside a block).
 
     Raises:
         RigError: the journal has no calibration.

@@ -76,7 +76,7 @@ def with_log(table: Table, log: MachineLog, clock: Synchronisation) -> Table:
     Args:
         table: table of pictures.
         log: log from the testing machine.
-        clock: alignment of the clocks of camera and machine, see `synchronise`.
+        clock: alignment of the camera's clock with the machine's, see `synchronise`.
     """
     time = table["time"]
     at = clock.log_time(time)
@@ -117,7 +117,7 @@ def picture_checks(sheet: Sheet, table: Table) -> list[Check]:
     reasons = sorted({text.partition(":")[0] for text in table.error if text})
     measured = Check.of(
         "fraction of pictures that could be measured", float(np.mean(table.ok)), (0.9, 1.0),
-        say=f"Retake the pictures that failed ({', '.join(reasons)}); measurements.csv has the details.",
+        say=f"Retake the pictures that failed ({', '.join(reasons)}); see measurements.csv for details.",
     )  # fmt: skip
     found = [measured, *_diameter(sheet, table)]
     if sheet.records.machine_log is None:

@@ -31,7 +31,8 @@ _STAYS = 1e-4  # m: motion of a machine that is held
 _DRAWS = 8
 _MISSED = 1.0 * PSI  # RMS error: four times the noise of a transducer
 _HELD = {"air": ("dead_volume", 0.3), "water": ("displacement", 0.05)}
-"""Parameters that a test at fixed length cannot determine, as all flows scale alike, and their spread."""
+"""Parameter that a test at fixed length cannot determine, because it scales all flows, and its
+spread."""
 
 
 def rig_step(

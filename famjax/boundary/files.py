@@ -103,8 +103,8 @@ class Origin:
     """Date and command with which a file was created.
 
     Attributes:
-        date: date and time at which it was written, in ISO 8601 with the offset from UTC.
-        command: command line that creates it again.
+        date: date and time at which the file was written, in ISO 8601 with the offset from UTC.
+        command: command line that recreates the file.
     """
 
     date: str

@@ -75,7 +75,7 @@ class Store:
         return (self._parts[index] for index in sorted(self._parts))
 
     def keep(self, index: int, part: Any) -> None:
-        """Store one finished part, which consists of arrays and plain values by name; nan stays nan.
+        """Store one finished part, a mapping of names to arrays and plain values; nan stays nan.
 
         Raises:
             InputError: the part contains a value of any other type.

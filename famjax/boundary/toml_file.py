@@ -88,7 +88,7 @@ def read_toml(
         raise error(f"{fault}: {problem.strerror}") from None
     except ValueError as problem:
         raise error(
-            f"{fault}: it is not a TOML file in UTF-8, with decimal points and each key once: {problem}"
+            f"{fault}: it must be a TOML file in UTF-8, with decimal points and no repeated keys: {problem}"
         ) from None
 
 

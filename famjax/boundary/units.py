@@ -193,7 +193,7 @@ _SPOKEN = {
     **dict.fromkeys(("N", "lbf"), "force"),
 }
 _ALSO = {"metric": ("um", "MPa")}
-"""Other units that a system may also show."""
+"""Further units that `sentence_in_units` leaves unchanged in a unit system."""
 
 _NUMBER = r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?"
 _WITH_UNIT = re.compile(

@@ -129,7 +129,7 @@ class Stroke(_Entry, tag="stroke", tag_field="kind"):
 
 
 class Hysteresis(_Entry):
-    """Slip elements around the static map, the mean over `cycle`; see `famjax.slip.CentredSlip`."""
+    """Slip elements about the static map, which is the mean over `cycle`; see `famjax.slip.CentredSlip`."""
 
     rest_length_m: float
     modulus_Pa: float
@@ -213,7 +213,7 @@ def slip_as_dict(centred: CentredSlip) -> dict[str, Any]:
 
 
 def slip_from_dict(document: dict[str, Any]) -> CentredSlip:
-    """Rebuild slip elements and cycle from the output of `slip_as_dict`; other entries are ignored.
+    """Rebuild the slip elements and cycle from the output of `slip_as_dict`; other entries are ignored.
 
     Raises:
         InputError: an entry is missing or is not a number.
@@ -315,7 +315,7 @@ class MuscleCard:
         return self._safe.region
 
     def volume(self, length: Real, pressure: Real) -> RealArray:
-        """Return the fluid volume V [m3], broadcast shape; see `famjax.continuation.continued_volume`.
+        """Return the fluid volume V [m3]; arguments broadcast; see `famjax.continuation.continued_volume`.
 
         Raises:
             InputError: the model has no geometry.
@@ -385,7 +385,7 @@ def combined(
     """Combine all members into one muscle. Compliant mountings are included unless `rigid` is True.
 
     If `numbers` replaces the parameters of the first member, the forces of the other members shift by
-    the same amount. The spread of the force is then that of the first member, whatever its weight.
+    the same amount. The force then has the spread of the first member, whatever its weight.
     """
     loose = [not rigid and bool(np.any(np.asarray(one.compliance))) for one in members]
     own = [one if kept else one.muscle for one, kept in zip(members, loose, strict=True)]

@@ -34,7 +34,7 @@ def draw(
         weights: weights of the members in the force.
         directions: independent directions d_k, each one standard deviation long, in the order of
             `flatten`, shape (directions, numbers).
-        region: region in which the force of the muscle in the card rises.
+        region: region in which the force of the card's muscle rises with pressure and length.
         seed: seed for NumPy's default generator.
         count: number of muscles to sample.
 

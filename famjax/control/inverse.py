@@ -206,9 +206,10 @@ def pressure_for_force(
         pressures: lowest and highest gauge pressure [Pa], lowest < highest.
 
     Returns:
-        Pressure and code with the broadcast shape of force and length. By the implicit function theorem,
-        the pressure is differentiable to any order with respect to force, length and every number in the
-        muscle. Where the force cannot be attained, the pressure does not depend on them.
+        The pressure and the code, with the broadcast shape of force and length. By the implicit
+        function theorem, the pressure is differentiable to any order with respect to force, length
+        and every number in the muscle. Where the force cannot be attained, the pressure does not
+        depend on them.
 
     >>> import famjax, numpy as np
     >>> braid = famjax.Braid.from_rest(diameter=0.023, braid_angle=1.1, length=0.296)

@@ -99,7 +99,7 @@ class Antagonist(eqx.Module):
     Attributes:
         flexor: muscle that increases the angle, with `force(length, pressure)`.
         extensor: antagonist of the flexor.
-        paths: paths of flexor and extensor, such as `Pulley`.
+        paths: paths of the flexor and extensor, such as `Pulley`.
         pressures: lowest and highest allowed gauge pressures [Pa], shape (2,).
         least_pull: minimum force [N] of each muscle in the inverse maps, >= 0.
 
@@ -115,7 +115,7 @@ class Antagonist(eqx.Module):
     least_pull: Float[Given, ""] = eqx.field(converter=as_number, default=0.0)
 
     def torque(self, angle: Real, flexor: Real, extensor: Real) -> RealArray:
-        """Return the torque [N m] of the pair at an angle [rad] and two pressures [Pa], broadcast shape."""
+        """Return the pair's torque [N m] at an angle [rad] and two pressures [Pa]; arguments broadcast."""
         return _each(_torque, self, angle, flexor, extensor)
 
     def pressures_for(self, angle: Real, stiffness: Real, torque: Real = 0.0) -> PairPressures:
@@ -134,8 +134,8 @@ class Antagonist(eqx.Module):
             torque: torque of the pair [N m]; 0 for a joint at rest without a load.
 
         Returns:
-            Pressures and code, broadcast shape. By the implicit function theorem, they are differentiable
-            with respect to all arguments and parameters.
+            The pressures and the code, with the broadcast shape. By the implicit function theorem,
+            they are differentiable with respect to all arguments and parameters.
         """
         return _each(_pressures_for, self, angle, stiffness, torque)
 
@@ -253,7 +253,7 @@ class CoContraction(eqx.Module):
     code: Int[Array, ""]
 
     def pressures(self, share: RealArray) -> tuple[RealArray, RealArray]:
-        """Return the pressures [Pa] of flexor and extensor at a fraction [-] along the curve."""
+        """Return the pressures [Pa] of the flexor and extensor at a fraction [-] along the curve."""
         r_f, r_e = _arms(self.pair, self.angle)
         flexor = self.start + share * (self.end - self.start)
         pull = _finite(self.pair.flexor.force(self.pair.paths[0].length(self.angle), flexor))

@@ -111,8 +111,8 @@ class Expected(NamedTuple):
 def drawn_circuits(circuit: Any, count: int = 8, seed: int = 0) -> list[AbstractCircuit]:
     """Return the circuit and random variations of it, which represent a rig that was not measured.
 
-    The distribution is log-uniform: pump and needle valve vary within 5 %, and all other parameters
-    within 30 %, clipped to their ranges.
+    The distribution is log-uniform: the pump and needle valve vary within 5 %, and all other
+    parameters within 30 %, clipped to their ranges.
 
     Args:
         circuit: nominal circuit.

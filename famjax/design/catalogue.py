@@ -1,8 +1,8 @@
 """Catalogues of braids, bladders and swage tubes, and the swaged end-fittings that join them.
 
 The fitting has two steps: one step carries only the braid, the other the bladder with the braid over
-it. After swaging, the gap between fitting and tube on each side equals the thickness of the compressed
-layers:
+it. After swaging, the gap between the fitting and the tube on each side equals the thickness of the
+compressed layers:
 
     on the braid:    d = D_bore - 2 t_braid (1 - c_braid)
     on the bladder:  d = D_bore - 2 t_braid - 2 t_bladder (1 - c_bladder)
@@ -264,7 +264,7 @@ def fitting_diameter_on_braid(
 def fitting_diameter_on_bladder(
     bore: Real, braid_thickness: Real, bladder_thickness: Real, bladder_compression: Real
 ) -> RealArray:
-    """Return the fitting diameter d [m] under bladder and braid; the braid is not compressed.
+    """Return the fitting diameter d [m] under the bladder and braid; the braid is not compressed.
 
     d = D_bore - 2 t_braid - 2 t_bladder (1 - c_bladder)
 

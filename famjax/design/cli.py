@@ -61,8 +61,8 @@ def design(
         pair of bladder and braid that can be built.
     objective
         Choose an objective for the Pareto front, repeatable. Minimised: outer_diameter, rest_length,
-        pressure, air (free air per stroke). Maximised: force, blocked_force, contraction, stroke. If
-        omitted: outer_diameter, rest_length and air.
+        pressure, air (free air per stroke). Maximised: force, blocked_force, contraction, stroke.
+        Default: outer_diameter, rest_length and air.
     vary
         Set a search range as key_unit=lowest:highest, or fix a value with a single number:
         rest_length_mm=100:600, pressure_psi=20:100. Each range that is omitted runs from a quarter of the

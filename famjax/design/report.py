@@ -110,8 +110,8 @@ def design_document(found: Search, *, system: str) -> dict[str, Any]:
 def design_card(found: Search) -> MuscleCard | None:
     """Return a card of the refined design for simulators; None if no candidate is feasible.
 
-    The card covers the design's stroke and the pressures up to the required one. It has no errors, because
-    nothing was measured.
+    The card covers the design's stroke and all pressures up to the required pressure. It states no
+    uncertainty, because nothing was measured.
     """
     if found.refined is None or found.muscle is None:
         return None

@@ -95,7 +95,8 @@ def fam_angle(diameter: Real, nominal_diameter: Real) -> RealArray:
         nominal_diameter: D_nominal [m] of the braid at 45 deg.
 
     Returns:
-        theta [rad], measured from the circumference, broadcast shape; nan where D > sqrt(2) D_nominal.
+        theta [rad], measured from the circumference, with the broadcast shape; nan where
+        D > sqrt(2) D_nominal.
 
     References:
         Chambers 2021, section 2.2 and table 2.3.
@@ -525,7 +526,7 @@ def front_members(costs: Floats, step: float = 0.0) -> NDArray[np.int64]:
     The cost space is divided into boxes of width log(1 + step). In each non-dominated box, the candidate
     with the lowest sum of costs is selected. No candidate dominates a selected one. For every candidate,
     there is a selected one that is worse by at most `step` in each objective. If `step` is 0, the whole
-    front is returned, with the first of any candidates that are equal.
+    front is returned, including only the first of any equal candidates.
 
     Args:
         costs: costs from `costs_of`, shape (n, objectives).

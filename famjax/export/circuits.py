@@ -109,7 +109,7 @@ def filled(template: str, values: Mapping[str, Any]) -> bytes:
     """Replace the `@WORDS@` in a file from the folder `templates` with their values.
 
     Raises:
-        KeyError: no value is given for a word.
+        KeyError: the value for a word is missing.
     """
     room = importlib.resources.files(__name__.rpartition(".")[0]) / "templates"
     text = (room / template).read_text(encoding="utf-8")

@@ -343,5 +343,5 @@ def _hanging_load(subject: Subject, rest: _Rest, actuator: str, key: str) -> byt
 
 
 def docstring(lines: Iterable[str]) -> str:
-    """Join lines to a Python docstring, and replace characters that would end it."""
+    """Join lines into a Python docstring, and replace characters that would end it."""
     return "\n".join(lines).replace("\\", "/").replace('"', "'")

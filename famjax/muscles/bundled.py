@@ -16,7 +16,7 @@ _MAPS = ("DMSP-10-250", "DMSP-20-300")
 
 
 def bundled_name(name: str) -> str | None:
-    """Return the name in `NAMES` for a bundled muscle in any common spelling, or None.
+    """Return the name in `NAMES` of a bundled muscle spelled in any common way, or None.
 
     Accepts upper and lower case, hyphens and underscores, and the name of the muscle's force map.
 

@@ -44,7 +44,7 @@ class PeerModel(AbstractMuscle):
         """Return the force F [N] at lengths L [m] > 0 and gauge pressures P [Pa] with the same shape."""
 
     def force(self, length: Real, pressure: Real) -> RealArray:
-        """Return the static force F [N] at length L [m] and gauge pressure P [Pa], broadcast shape.
+        """Return the static force F [N] at length L [m] and gauge pressure P [Pa]; arguments broadcast.
 
         The force is nan where the length or pressure is not finite, or the length is not positive. In
         these states, the formula is evaluated at placeholder values, because nan would contaminate the
@@ -62,7 +62,7 @@ class PeerModel(AbstractMuscle):
 
 
 def braid_range(braid: AbstractBraid) -> tuple[RealArray, RealArray]:
-    """Return lengths [m] from just below the neutral angle to the unloaded thread length."""
+    """Return the length range [m], from just below the neutral length to the unloaded thread length."""
     thread = braid.rest_thread_length
     return 0.95 * math.sin(NEUTRAL_ANGLE) * thread, thread
 
@@ -82,8 +82,9 @@ class Gaylord(PeerModel):
         resting_length: L0 [m], required only for the blocked force and the contraction.
 
     References:
-        Gaylord 1958; Chou & Hannaford 1996; Davis, Tsagarakis, Canderle & Caldwell 2003. General
-        knowledge, not checked against the publications; Davis uses separate terms for the strand tension.
+        Gaylord 1958; Chou & Hannaford 1996; Davis, Tsagarakis, Canderle & Caldwell 2003. The
+        formula is general knowledge and was not checked against the publications; Davis uses
+        separate terms for the strand tension.
 
     >>> model = Gaylord(Braid.from_rest(diameter=0.02, braid_angle=1.1, length=0.3))
     >>> print(f"{model.force(0.3, 6e5):.0f}")
@@ -117,7 +118,7 @@ class Gaylord(PeerModel):
         return jnp.where(reached, pull, jnp.nan)
 
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """Return lengths [m] from just below the neutral angle to the unloaded thread length."""
+        """Return the length range [m], from just below the neutral length to the unloaded thread length."""
         return braid_range(self.braid)
 
 
@@ -136,7 +137,8 @@ class TonduLopez(PeerModel):
         deadband_pressure: P_d [Pa], zero in the original model.
 
     References:
-        Tondu & Lopez 2000. General knowledge, not checked against the publication.
+        Tondu & Lopez 2000. The formula is general knowledge and was not checked against the
+        publication.
     """
 
     braid: Braid
@@ -229,7 +231,7 @@ class Martens(PeerModel):
 
     @classmethod
     def published(cls, muscle: str) -> "Martens":
-        """Create the model with published constants; worst errors: 2.37 and 4.26 % of the largest force.
+        """Create the model with published constants; its errors are up to 2.37 and 4.26 % of full force.
 
         Args:
             muscle: "DMSP-20-300" or "DMSP-10-250", with rest lengths of 300 and 250 mm.
@@ -261,5 +263,5 @@ class Martens(PeerModel):
         return jnp.where(reached, pull, jnp.nan)
 
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """Return lengths [m] from just below the neutral angle to the thread length."""
+        """Return the length range [m], from just below the neutral length to the thread length."""
         return braid_range(self.braid)

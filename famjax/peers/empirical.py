@@ -21,8 +21,8 @@ class Hildebrandt(PeerModel):
         force_coefficients: b0 to b4 [N], shape (5,).
 
     References:
-        Hildebrandt, Sawodny, Neumann & Hartmann 2002. General knowledge, not checked against the
-        publication.
+        Hildebrandt, Sawodny, Neumann & Hartmann 2002. The formula is general knowledge and was not
+        checked against the publication.
     """
 
     rest_length: Float[Given, "..."] = parameter("m", low=0.0)  # pyright: ignore

@@ -97,12 +97,13 @@ class Asked:
         Add your own force term, module:Class (repeatable). The parameters that the class declares are
         identified.
     shape
-        Use the shape measured in photographs instead of a cylinder. Name the `measurements.nc` written by
-        `famjax measure`. The number of turns of a thread is identified; `--bounds turns=1.09` fixes it.
-        With `--ends equilibrium`, the photographed profiles and the force are fitted together.
+        Use the shape measured in photographs (`measurements.nc`, written by `famjax measure`) instead of a
+        cylinder. The number of thread turns is identified; `--bounds turns=1.09` fixes it. With
+        `--ends equilibrium`, the photographed profiles and the force are fitted together.
     ends
-        Choose the model of the ends: cylinder, or equilibrium (the shape is computed from mechanics).
-        Without --law, equilibrium adds one more model to choose from. Its optimum cannot be certified.
+        Choose the end model: cylinder, or equilibrium (the shape is computed from mechanics). Without
+        --law, equilibrium adds one more model to choose from. The optimum of this model cannot be
+        certified.
     objective
         Choose what to minimise. sum_of_squares: the sum of squared residuals; mean_rmse: the RMSE averaged
         over pressures, as in the reference work; huber: a sum that gives outliers less weight; censored:
@@ -113,14 +114,14 @@ class Asked:
         `--bounds braid_diameter_mm=20:23.6`. A single value fixes the parameter, as in
         `--bounds deadband_pressure_kPa=40`.
     prior
-        State prior knowledge of a parameter, name_unit=mean+-std (repeatable), as in
+        Specify prior knowledge of a parameter, name_unit=mean+-std (repeatable), as in
         `--prior rest_length_mm=296+-0.5`.
 
     shared_error
-        State a standard error, name_unit=value (repeatable). noise_N is the noise of a single force
-        reading, used to weight the priors. All others are calibration errors shared by all readings. State
-        a unit for rest_length, wall_thickness, bladder_diameter, braid_thickness, pressure_zero and
-        force_zero; pressure_reading, force_reading and shortening are relative.
+        Specify a standard error, name_unit=value (repeatable). noise_N is the noise of a single force
+        reading, used to weight the priors. All others are calibration errors shared by all readings.
+        Include the unit for rest_length, wall_thickness, bladder_diameter, braid_thickness, pressure_zero
+        and force_zero; pressure_reading, force_reading and shortening are relative errors without a unit.
     """
 
     law: Annotated[str | None, _MODEL] = None
@@ -161,8 +162,8 @@ def fit(
     Without --law or --order, several models are fitted and compared by cross-validation over pressures and
     lengths. The model with the smallest held-out error is kept.
 
-    Writes `fit.json` (all results in SI), `fit.png` and `report.html`. The exit code is 1 if no muscle was
-    identified. Use `famjax assess` for further tests of the fit.
+    Writes `fit.json` (all results in SI units), `fit.png` and `report.html`. The exit code is 1 if no
+    muscle was identified. Use `famjax assess` for further tests of the fit.
 
     Parameters
     ----------
@@ -230,22 +231,22 @@ def assess(
         Cross-validate: leave out each pressure and each length in turn, and predict its readings. If the
         model was chosen from several, the choice is repeated each time.
     profile
-        Compute profile likelihoods, which show the range of each parameter that the readings allow.
+        Compute profile likelihoods, which show the range that the readings allow for each parameter.
     bootstrap
         Compute standard errors and prediction bands by bootstrap, with this number of replicates.
     posterior
         Sample the posterior (with NUTS) within the bounds and priors. If the fit was made with
         `--error noise_N`, that noise is used.
     hysteresis
-        Fit a hysteresis model to both branches of raw ramps, and cross-validate it. Name the `branches.csv`
-        written by `famjax ramps`.
+        Fit a hysteresis model to both branches of raw ramps (`branches.csv`, written by `famjax ramps`),
+        and cross-validate it.
     own
         Trust this module, which contains your own classes (repeatable), as in `--own my_rubber`. Other
         modules are not imported.
     jobs
         Set the number of processes for --validate.
     output
-        Write the files to this folder; default: the folder of the fit.
+        Write the files to this folder; default: the folder that contains the fit.
     units
         Choose the units for output and report: si, metric (mm, kPa, N, MPa) or us (in, psi, lbf).
     json_

@@ -97,7 +97,7 @@ def predict(
     units
         Choose the units for the tables: si, metric (mm, kPa, N) or us (in, psi, lbf).
     json_
-        Print one JSON list in SI and nothing else.
+        Print one JSON list in SI units and nothing else.
     """
     fitting = load_fitting()
     import numpy as np
@@ -123,7 +123,7 @@ def predict(
         )
         rows, heading = _by_card(muscle, L, P, own, onset=onset)
     elif history is not None:
-        _only(given, ("--history",), "the history file sets lengths and pressures: omit {}")
+        _only(given, ("--history",), "the history file defines the lengths and pressures: omit {}")
         heading = "Force along the history"
         rows, notes = _along(saved, history, parse_columns(column), units)
     elif force:
@@ -219,7 +219,7 @@ def _notes(saved: "Identification", *, other: bool, forces: bool) -> list[str]:
             )
         notes.append(
             "this prediction for another rest length is based on one specimen: "
-            f"{band}. To use several specimens, see famjax series"
+            f"{band}. To base it on several specimens, use famjax series"
         )
     elif "series" in document and not other:
         one = document["data"]["specimen"]
@@ -263,7 +263,7 @@ def _print_answers(title: str, rows: Sequence[Mapping[str, Any]], system: str) -
     hidden = ("outside",) if slack else ("outside", "model_force_")
     print_rows(title, [{k: v for k, v in row.items() if not k.startswith(hidden)} for row in rows])
     if slack:
-        print("note: the force of a slack muscle is zero; model force is the unclipped value")
+        print("note: the force of a slack muscle is zero; model force is the value before clipping")
     if not all(row["inside"] for row in rows):
         print("note: where inside is False, the state is outside the fitted lengths or pressures:")
         for reason in dict.fromkeys(row["outside"] for row in rows if not row["inside"]):
@@ -290,9 +290,9 @@ def card(
     fit_json
         Read this `fit.json`, written by `famjax fit`.
     output
-        Write the card to this file; default: `card.json` in the folder of the fit.
+        Write the card to this file; default: `card.json` in the folder that contains the fit.
     name
-        Give the muscle this name; default: the name of the specimen.
+        Set the name of the muscle; default: the name of the specimen.
     sample
         Sample this number of muscles from the uncertainty of the fit; 0 for none. Sampling requires a fit
         with standard errors.
@@ -332,7 +332,7 @@ def export(
 
     The header of each file names the muscle and states the largest deviation from its model. Targets:
 
-    c: C99 code for a microcontroller: force, stiffness, and the pressure for a force; double or float.
+    c: C99 code for a microcontroller: force, stiffness, and pressure for a given force; double or float.
 
     fmu: an FMI 2.0 unit for Simulink and OpenModelica: the muscle with its valve or pump, and pressure as a
     state.
@@ -345,7 +345,7 @@ def export(
 
     mujoco: an XML model of a load hanging from the muscle, and the actuator callback.
 
-    mjx: the muscle as a differentiable part of the MJX step; needs famjax.
+    mjx: the muscle as a differentiable part of the MJX step; requires famjax.
 
     Parameters
     ----------

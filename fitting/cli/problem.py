@@ -1,4 +1,4 @@
-"""Solve the problem that `famjax fit` options or a `fit.json` describe; assess and judge the fit."""
+"""Solve the problem described by `famjax fit` options or a `fit.json`, and assess the fit."""
 
 import dataclasses
 import functools
@@ -34,7 +34,7 @@ _TURNS = "turns"
 
 
 def parameter_kinds(*laws: LawGiven) -> dict[str, str]:
-    """Return the kind of unit for every possible parameter of all known laws and the given ones."""
+    """Return the kind of unit for every possible parameter of all known laws and of the given laws."""
     kinds = KINDS | {f"E_{n}": "stress" for n in range(1, 9)}
     for one in (*known_laws(), *laws):
         made = law_named(one, None)
@@ -55,7 +55,7 @@ def _parsed(
         except ValueError:
             numbers = []
         if not (key and 1 <= len(numbers) <= 2):
-            raise InputError(f"{what} {entry!r} must read {form}")
+            raise InputError(f"{what} {entry!r} must have the form {form}")
         # The longest known name wins, since one name may be a prefix of another.
         name = max((one for one in known if f"{key}_".startswith(f"{one}_")), key=len, default=None)
         if name is None:
@@ -74,7 +74,7 @@ def _parsed(
 def parse_bounds(
     entries: Iterable[str], kinds: Kinds | None = None
 ) -> dict[str, tuple[float, float]]:
-    """Parse entries such as `braid_diameter_mm=20:23.6` into bounds in SI by parameter name.
+    """Parse entries such as `braid_diameter_mm=20:23.6` into bounds in SI units, by parameter name.
 
     A single value fixes the parameter: `deadband_pressure_kPa=40`.
 
@@ -104,7 +104,7 @@ def parse_priors(entries: Iterable[str], kinds: Kinds | None = None) -> dict[str
     found = {}
     for name, (numbers, unit, _) in _parsed(entries, "prior", form, kinds, "+-").items():
         if len(numbers) != 2:
-            raise InputError(f"the prior on {name} must read {form}")
+            raise InputError(f"the prior on {name} must have the form {form}")
         found[name] = Parameter(prior=(numbers[0], numbers[1]), unit=unit)
     return found
 

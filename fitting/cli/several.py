@@ -64,7 +64,7 @@ def sweep(
     order
         Try these orders of the polynomial law, from 1 to 4 (repeatable).
     dependence
-        Try these dependences of the coefficients on pressure (repeatable): fixed, linear, free.
+        Try these pressure dependences of the coefficients (repeatable): fixed, linear, free.
     constraint
         Try these constraints (repeatable): none, positive, slope, drucker.
     objective
@@ -79,7 +79,7 @@ def sweep(
     units
         Choose the units for the table: si, metric or us.
     json_
-        Print one JSON object in SI and nothing else.
+        Print one JSON object in SI units and nothing else.
     """
     fitting = load_fitting()
     from famjax.boundary.units import unit_system
@@ -130,7 +130,7 @@ def compare(
 
     Each model is fitted to all loaded readings and cross-validated by pressure and by length
     ("held-out" columns; inner lengths exclude the longest and the shortest). The table is
-    sorted by the held-out error on inner lengths, which is missing if the other readings do not
+    sorted by the held-out error at inner lengths, which is missing if the other readings do not
     determine the model. Fitting all models takes a minute or two.
 
     Writes `compare.json`. Finished rows are stored in `rows.jsonl`, from which an interrupted comparison
@@ -141,7 +141,7 @@ def compare(
     data
         Read this CSV file or bundled map, as for `famjax fit`.
     models
-        Fit only these models (repeatable). An unknown name prints the list of models.
+        Fit only these models (repeatable). For an unknown name, the error message lists all models.
     own
         Add your own model, module:Class (repeatable), as in `--own my_model:Gent`. It may be a complete
         model, or a law, geometry or force term, which is then identified with the rest of the muscle.
@@ -154,7 +154,7 @@ def compare(
     jobs
         Set the number of processes.
     json_
-        Print one JSON object in SI and nothing else.
+        Print one JSON object in SI units and nothing else.
     """
     fitting = load_fitting()
     from famjax.boundary.files import Origin
@@ -303,7 +303,7 @@ def ramps(
         Read these raw records, each with its length, as in `test8.csv=73.25mm`; or a CSV file that lists
         them in the columns `file,length_mm`.
     atmosphere
-        State the pressure sensor's reading when the muscle is vented, such as `8.94kPa`.
+        Specify the pressure sensor's reading when the muscle is vented, such as `8.94kPa`.
     specimen
         Describe the muscle, key_unit=value (repeatable); rest_length is required.
     column
@@ -320,7 +320,7 @@ def ramps(
     units
         Choose the units for summary, figure and map: si, metric or us.
     json_
-        Print one JSON object in SI and nothing else.
+        Print one JSON object in SI units and nothing else.
     """
     load_fitting()
     from famjax.boundary.files import Origin

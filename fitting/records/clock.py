@@ -177,7 +177,7 @@ def align_by_load(
     near: tuple[float, float] | None = None,
     time_error: float = 0.0,
 ) -> Alignment:
-    """Align two clocks by the load that both recorded; the gain and zero of the load are fitted as well.
+    """Align two clocks by the load recorded with both; the gain and zero of the load are fitted as well.
 
     Minimises the sum of squares of F_journal(t) - a F_log(t) - b over offset, rate, a and b, starting from
     the offset with the best correlation. The standard errors assume that residuals are correlated over less
@@ -232,8 +232,8 @@ def _best_lag(journal: Series, log: Series, near: tuple[float, float] | None) ->
     if not correlation[k] >= _LEAST_AGREEMENT:
         raise InputError(
             f"the loads in journal and log do not match: their best correlation must be at least "
-            f"{_LEAST_AGREEMENT}, got {correlation[k]:.2f}. Check that both are from the same test and "
-            "have the same sign"
+            f"{_LEAST_AGREEMENT}, got {correlation[k]:.2f}. Check that journal and log are from the same "
+            "test, and that their forces have the same sign"
         )
     peak = explained[1:-1] >= np.maximum(explained[:-2], explained[2:])
     peaks = 1 + np.flatnonzero(peak & (np.abs(lags[1:-1] - lags[k]) > 10 * _COARSE))

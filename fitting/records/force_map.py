@@ -343,7 +343,7 @@ def read_ramps(
         columns: column name of each quantity in the records, see `read_ramp`.
 
     Raises:
-        InputError: there is no entry, an entry cannot be read, or a file is named twice.
+        InputError: there is no entry, an entry cannot be read, or a file is listed twice.
     """
     named: list[tuple[Path, float]] = []
     for entry in entries:
@@ -354,13 +354,13 @@ def read_ramps(
             named += _listed(Path(entry))
     if not named:
         raise InputError(
-            "no records were given: name each record with its length, as in test8.csv=73.25mm, or name a "
+            "no records were given: list each record with its length, as in test8.csv=73.25mm, or give a "
             "list (a CSV file with the columns file and length_mm)"
         )
     paths = [path for path, _ in named]
     twice = next((path for path in paths if paths.count(path) > 1), None)
     if twice is not None:
-        raise InputError(f"{twice} is named twice: name each record only once")
+        raise InputError(f"{twice} is listed twice: list each record only once")
     return [read_ramp(path, length=length, columns=columns) for path, length in named]
 
 

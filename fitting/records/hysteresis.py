@@ -27,7 +27,7 @@ from ..convex import Status, solve_qp
 from .record import Column, check_positive, set_columns
 
 MODULUS = 1e6
-"""Modulus E [Pa] in the slip coordinates, of the order of that of rubber: see `famjax.slip.MaxwellSlip`."""
+"""Modulus E [Pa] in the slip coordinates, similar to that of rubber; see `famjax.slip.MaxwellSlip`."""
 SHRINKAGE = 1e-3
 """Weight of the sum of squared strengths, relative to the largest squared column norm."""
 PREDICTS = 0.6
@@ -81,7 +81,7 @@ def read_history(path: str | Path, columns: Mapping[str, str] | None = None) -> 
         The history in SI.
 
     Raises:
-        InputError: the file is invalid; the message names the row.
+        InputError: the file is invalid; the message states the row.
     """
     table = read_table(
         path, ("length", "pressure"), optional=("time",), columns=columns, strict=True
@@ -272,8 +272,8 @@ def fit_hysteresis(pairs: BranchPairs) -> HysteresisFit:
         minimise 1/2 |A S - h|^2 + 1/2 r |a|^2 |S|^2   subject to   S >= 0
 
     At fixed thresholds the force is linear in the strengths S, so the programme is convex and its optimum
-    is global. In the second term, a is the largest column of A. This term selects among strengths that the
-    records do not determine, and assigns zero strength to elements that never move.
+    is global. In the second term, a is the column of A with the largest norm. This term selects among
+    strengths that the records do not determine, and assigns zero strength to elements that never move.
 
     Raises:
         InputError: the programme has no certified optimum.

@@ -18,8 +18,8 @@ from .record import MachineLog, check_positive, set_columns, split_branches
 GRID = 100
 """Number of lengths at which the branches are compared."""
 TURN = 0.03
-"""Fraction of a stroke next to each turn that a force map omits. Friction reverses there, so the mean of
-both branches differs from the static force."""
+"""Fraction of a stroke next to each turn that is omitted from a force map. Friction reverses there, so the
+mean of both branches differs from the static force."""
 
 _BRIDGE = 5  # longest gap of the journal, in usual intervals, that is bridged
 _MISSING = 5  # spacing of rows, in usual intervals, from which rows are missing
@@ -121,8 +121,8 @@ def combine(
     use = heard & (order >= 0)
     if use.sum() < 2:
         raise InputError(
-            "no row of the machine log has a matching pressure in the journal: check that both are from "
-            "the same test"
+            "no row of the machine log has a matching pressure in the journal: check that log and journal "
+            "are from the same test"
         )
     notes = []
     if not heard.all():
@@ -281,8 +281,8 @@ def characterise(record: IsobaricRecord, *, skip_cycles: int = 0) -> Characteris
             lacks = max(_hole(record, rows) for rows in stroke)
             if lacks:
                 notes.append(
-                    f"At {pressure:.6g} Pa, stroke {number} lacks {lacks:.3g} s of data in the journal or "
-                    "the log and was left out."
+                    f"At {pressure:.6g} Pa, stroke {number} was left out because {lacks:.3g} s of data are "
+                    "missing from the journal or the log."
                 )
             else:
                 whole.append(stroke)

@@ -19,7 +19,7 @@ _HILL = 0.1  # smallest rise between two minima, relative to the variance
 
 
 class SyncError(InputError):
-    """The motion does not determine the clock offset; the message names the log."""
+    """The motion does not determine the clock offset; the message states which log."""
 
 
 class OtherMotion(SyncError):  # noqa: N818 - says what was found
@@ -182,7 +182,7 @@ def synchronise(
         listed = " and ".join(f"{offset:.4g}" for offset in [found.offset, *rivals])
         raise SyncError(
             f"{log.source}: several offsets fit equally well ({listed} s), because the motion repeats "
-            "itself. Use a log that begins and ends with the pictures, or state an approximate offset"
+            "itself. Use a log that begins and ends with the pictures, or specify an approximate offset"
         )
     return found
 

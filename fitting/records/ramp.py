@@ -90,7 +90,7 @@ def read_ramp(
         The record in SI, with raw pressure readings.
 
     Raises:
-        InputError: the file is invalid; the message names the row.
+        InputError: the file is invalid; the message states the row.
     """
     table = read_table(
         path, ("force", "pressure", "time"), columns=columns, strict=True, absolute=True
@@ -116,7 +116,7 @@ class Staircase:
     stop: Holds
 
     def rows(self, time: Column) -> list[Rows]:
-        """Return the rows in the part of each hold that is used."""
+        """Return the rows in the evaluated part of each hold."""
         width = self.stop - self.start
         low, high = (np.searchsorted(time, self.start + end * width) for end in _PART)
         return [np.arange(i, j) for i, j in zip(low, high, strict=True)]
@@ -379,7 +379,7 @@ def _check_atmosphere(record: RampRecord, atmosphere: float) -> None:
     if low < atmosphere - _VACUUM * np.ptp(record.pressure):
         raise InputError(
             f"the lowest pressure in {record.source}, {low / 1e3:.4g} kPa, is far below the stated reading "
-            f"at atmospheric pressure, {atmosphere / 1e3:.4g} kPa: state the reading of the vented "
+            f"at atmospheric pressure, {atmosphere / 1e3:.4g} kPa: specify the reading of the vented "
             "muscle (0kPa for a zeroed gauge)"
         )
 

@@ -24,7 +24,7 @@ _LATE = 1.5  # shortest gap, in usual intervals
 def checked_columns(
     columns: Mapping[str, ArrayLike | None], *, least: int = 3
 ) -> dict[str, Column | None]:
-    """Return the columns of a record as float arrays of equal length; None stays None.
+    """Return the columns of a record as float arrays of equal length; None is left unchanged.
 
     Args:
         columns: columns by name; `time` must not decrease.
@@ -73,7 +73,7 @@ def check_positive(**values: float | int) -> None:
     """Reject values that are not positive and finite.
 
     Raises:
-        InputError: a value is invalid; the message names it.
+        InputError: a value is invalid; the message states which.
     """
     for name, value in values.items():
         if not (np.isfinite(value) and value > 0):
@@ -179,7 +179,7 @@ def read_machine_log(
         The log in SI.
 
     Raises:
-        InputError: the file is invalid; the message names the line.
+        InputError: the file is invalid; the message states the line.
     """
     table = read_table(path, tuple(needed), optional=welcome, columns=columns, fewest=3)
     try:

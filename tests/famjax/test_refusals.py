@@ -109,7 +109,7 @@ REFUSED: list[tuple[type[Exception], str, Callable[[], object]]] = [
     (ValueError, r"force\(at, pressure\) of Bad must return one.*got shape", lambda: pull_of(0)),
     (ValueError, r"force\(at, pressure\) of Bad must return one.*got a NoneTyp", lambda: pull_of(1)),
     (TypeError, "unsupported operand", lambda: PULL + known.LATEX),
-    (ValueError, "virtual work needs the rate of the volume",
+    (ValueError, "virtual work needs the rate of change of the volume",
      lambda: terms.VirtualWork().force(known.CYLINDER.dimensions(9.0, 60.0), 60.0)),
     (RuntimeError, "no equilibrium length", lambda: PLAIN.length_at_load(1e6, 4e5)),
     (RuntimeError, "no onset pressure", lambda: PLAIN.onset_pressure(0.25, 1e4)),

@@ -83,7 +83,7 @@ def changed(**columns: np.ndarray) -> PlantRecord:
         (lambda: changed(force=np.full(TIME.size, np.nan)), None, "force must be finite"),
         (lambda: changed(pressure=GOOD.pressure + 101e3), None, "subtract the atmospheric pressure"),
         (lambda: changed(time=TIME * 10), None, "determine a lag of about 12 ms"),
-        (lambda: GOOD, ("size",), "free must name parameters of the plant, chosen from supply"),
+        (lambda: GOOD, ("size",), "free must contain names of plant parameters, chosen from supply"),
         (lambda: [], None, "at least one PlantRecord"),
     ],
 )  # fmt: skip

@@ -57,7 +57,7 @@ SLIPS = {
     "prior of what its bounds hold": (
         lambda: table({"braid_diameter": (0.021, 0.021)},
                       {"braid_diameter": Parameter(prior=(21, 1), unit="mm")}),
-        "the bounds of braid_diameter fix it"),
+        "the bounds on braid_diameter fix it"),
     "starts": (lambda: identify(loads(), starts=2.5), "starts must be a whole number"),
     "no geometry": (lambda: fitting.sweep(loads(), None), "geometry"),
     "order": (lambda: identify(loads(), order=[1, 3]), "order of the law must be"),

@@ -433,7 +433,7 @@ def test_begin_is_not_obeyed_before_the_pressure_is_held():
         run(rig, plan, attendant=person, start="asked")
     assert "pressure NOT held" in person.told[0]
     assert "do not start" in person.told[0]
-    assert person.told[1].startswith("not yet: the pressure is not held")
+    assert person.told[1].startswith("not yet: the set pressure has not been reached")
 
 
 def test_the_calibration_in_the_readme_holds_a_pressure(tmp_path, monkeypatch):

@@ -1,4 +1,4 @@
-"""Figures for the report: each function returns a figure with its caption, or None without data."""
+"""Figures for the report: each function returns a figure and its caption, or None if data are missing."""
 
 import glob
 from collections.abc import Mapping
@@ -117,7 +117,7 @@ def shape(source: Source) -> Drawn:
     left.legend(title="contraction")
     right.legend()
     return figure, (
-        "Measured shape. Circles are measurements in the pictures; lines are the fitted surface with its "
+        "Measured shape. Circles are measurements from the pictures; lines are the fitted surface with its "
         "95 % band. Left: braid diameter along the axis. Right: mean diameter, diameter at mid-length, "
         "and diameter of the cylinder identified from the force."
     )
@@ -201,7 +201,7 @@ def by_pressure(source: Source) -> Drawn:
 
 
 FIGURES = (actuation, photographs, shape, strains, law, parts, by_pressure)
-"""All figures in the order of the page; the first is shown with the summary."""
+"""All figures in their order on the page; the first is shown with the summary."""
 
 
 def _axes(count: int, *, share: bool = False) -> tuple[Figure, list[Axes]]:

@@ -252,7 +252,7 @@ def _parameters(source: Source) -> pd.DataFrame:
 
 
 def parameter_kind(source: Source, name: str) -> str:
-    """Return the kind of quantity that an identified parameter is, such as "length"."""
+    """Return the kind of quantity of an identified parameter, such as "length"."""
     entries = [fit.document["parameters"] for fit in source.fits.values()]
     return next((one[name]["kind"] for one in entries if name in one), "number")
 

@@ -49,7 +49,7 @@ def test_a_new_folder_has_a_sheet_that_can_be_read(tmp_path, said, refused):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("[specimen", "it is not a TOML file"),
+        ("[specimen", "it must be a TOML file"),
         (SPECIMEN, "must have the tables"),
         (RECORDS, "must have the tables"),
         (SPECIMEN + RECORDS + "[fitt]\n", "got specimen, records, fitt"),

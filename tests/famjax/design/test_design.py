@@ -83,7 +83,7 @@ def test_a_users_file_can_replace_the_bundled_catalogue(tmp_path):
         (BRAID, "[10, 25]", "[10, 30]", "where the threads run around"),
         (BRAID, "[[braid]]", "[[braids]]", "unknown key 'braids'; valid keys: source, braid"),
         (BRAID, "[[braid]]", "[braid]", "below a"),
-        (BRAID, "thickness_mm = 0.5", "thickness_mm 0.5", "not a TOML file"),
+        (BRAID, "thickness_mm = 0.5", "thickness_mm 0.5", "must be a TOML file"),
         (BLADDER, "thickness_mm = 2", "thickness_mm = 6", "twice the wall thickness must be"),
         (BLADDER, "thick\"", "thin\"", "appears twice"),
         (TUBE, "swage_reduction_mm = 0.7", "swage_reduction_mm = 23", "twice the wall thickness must be"),

@@ -85,10 +85,10 @@ def test_a_stroke_with_a_hole_is_named_and_left_out(second):
     whole = record(pressures=(2e5,))
     found = characterise(torn(whole))
     assert found.isobars[0].cycles == 2
-    assert any("stroke 2 lacks 4.0" in note for note in found.notes)
+    assert any("stroke 2 was left out because 4.0" in note for note in found.notes)
     (bar,), (other,) = characterise(whole).isobars, found.isobars
     assert np.abs(bar.force - other.force).max() < GRID_ERROR
-    with pytest.raises(InputError, match=r"no complete stroke.*stroke 1 lacks 4.0"):
+    with pytest.raises(InputError, match=r"no complete stroke.*stroke 1 was left out because 4.0"):
         characterise(torn(record(pressures=(2e5,), cycles=1, rest=130.0)))
 
 

@@ -250,7 +250,7 @@ def test_the_command(points, tmp_path):
     # What was not said is assumed as of any force map, is told, and is not said by the map either.
     told = " ".join(summary["notes"])
     assert "wall thickness was not given: 1.8 mm" in told
-    assert "bladder's diameter was not given" in told
+    assert "bladder diameter was not given" in told
     read = read_csv(tmp_path / "map.csv")
     assert read.assumed == ("nominal_diameter", "wall_thickness", "bladder_diameter")
     known = {**specimen, "wall_thickness": 1.5e-3, "embedded": False, "nominal_diameter": 0.02}

@@ -72,7 +72,7 @@ def test_next_to_the_tapes_there_is_no_angle_and_a_table_holds_it(tmp_path):
     data = table.to_xarray()
     assert data["braid_angle_profile_deg"].attrs["units"] == "degree"
     assert not any("braid" in note for note in table.notes)
-    told = f"1 of 1 pictures show no braid angle; the first is {path}: too dark."
+    told = f"1 of 1 pictures have no braid angle; the first is {path}: too dark."
     assert told in Table.from_rows([rows[0] | {"braid_refusal": "too dark"}]).notes
 
 
