@@ -370,6 +370,14 @@ class Findings:
             ("not separable", self._not_separable()),
         ]
 
+    @property
+    def untested(self) -> str:
+        """Options of `famjax assess` for the tests that this fit has not had."""
+        tests = self.evidence
+        done = [("--validate", tests.validations), ("--profile", tests.profiles)]
+        done += [("--bootstrap 200", tests.bootstrap or tests.posterior)]
+        return " ".join(option for option, result in done if not result)
+
     def _not_separable(self) -> str:
         """List the pairs of parameters that the data determine only in combination."""
         if not self.result.certificate.condition <= CONDITION_LIMIT:

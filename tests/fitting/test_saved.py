@@ -18,6 +18,7 @@ import fitting
 from famjax.boundary.files import Origin
 from famjax.cards import read_card
 from fitting import Identification, InputError, load_fit, predict, validate, write_fit
+from fitting.evidence import Evidence
 from fitting.report import Findings, html_report, live
 from fitting.saved import correlations, fit_as_dict
 
@@ -67,11 +68,14 @@ def test_the_report_is_one_page_that_says_whence_it_comes_and_what_was_measured(
         "braid_diameter", "Drucker stability margin", "at a bound", "sigma = sum over n of E_n sign(eps)",
         fitted20.data.sha256, ORIGIN.date, ORIGIN.command, f"seed {fitted20.seed}",
         "rest length 11.654 in", "126 readings, 60 of them loaded",
+        "assess fit.json --validate --profile --bootstrap 200",
     ):  # fmt: skip
         assert needed in text
     captions = re.findall(r'<p class="caption">(.*?)</p>', page)
     assert len(captions) > 1
     assert all(one.startswith(f"<b>Table {k}.</b> ") for k, one in enumerate(captions, 1))
+    tested = Evidence(validations=(validate(fitted20, "length", starts=1),))
+    assert Findings(fitted20, tested).untested == "--profile --bootstrap 200"
     assert ORIGIN.date not in html_report(Findings(fitted20))
     names, matrix = correlations(fitted20)
     assert names == ("braid_angle", "deadband_pressure", "E_1", "E_2", "E_3")  # D0 is at its bound
