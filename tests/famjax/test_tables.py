@@ -235,7 +235,7 @@ REFUSED: dict[str, tuple[Callable[..., object], object, str]] = {
         read_csv, "Pressure (kPa);Length (mm);Force (N)\n" + rows("7;{};{};{}"), "4 numbers, but the header has 3 names"),
     "map: a mean below": (read_csv, "Test,Pressure (kPa),Length (mm),Force (N)\n" + rows("1,{},{},{}") + "Mean,180,244,540\n",
                           "row 7 is labelled 'Mean', so it is not a reading"),
-    "map: units of 100 N": (read_csv, "Pressure (kPa),Length (mm),Force (100 N)\n" + rows("{},{},{}"), "multiples"),
+    "map: units of 100 N": (read_csv, "Pressure (kPa),Length (mm),Force (100 N)\n" + rows("{},{},{}"), "convert a multiple"),
     "map: units of 0.1 N": (read_csv, "Pressure (kPa);Length (mm);Force, 0.1 N\n" + rows("{};{};{}"), "different quantity"),
     "map: divided": (read_csv, "Pressure (kPa);Length (mm);Force (N), 1:10\n" + rows("{};{};{}"), "different quantity"),
     "map: 1.100 between whole numbers": (
