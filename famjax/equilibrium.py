@@ -218,7 +218,7 @@ class EquilibriumMuscle(AbstractMuscle):
         return at_each(one, as_real(length), as_real(pressure))
 
     def volume(self, length: Real, pressure: Real) -> RealArray:
-        """Return the fluid volume V [m3], the volume in the braid minus the rubber; arguments broadcast."""
+        """Return the fluid volume V [m3], see `AbstractGeometry.inner_volume`; arguments broadcast."""
         return self.state(length, pressure).volume
 
     def energy(self, length: Real, pressure: Real) -> RealArray:
@@ -441,7 +441,7 @@ def _length_and_volume(balance: Balance, solved: Solved) -> tuple[RealArray, Rea
     ):
         weights = rule.weights.astype(length.dtype)
         length += weights @ rate
-        volume += weights @ (jnp.pi * state[:, 0] ** 2 * rate - part.bladder.volume)
+        volume += weights @ (jnp.pi * state[:, 0] ** 2 * rate - part.bladder.volume_within_braid)
     return length, volume
 
 

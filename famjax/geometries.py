@@ -126,7 +126,9 @@ class AbstractGeometry(Parametrised):
         """Rest length L0 [m]: active length at zero contraction."""
 
     def inner_volume(self, length: Real, pressure: Real) -> RealArray:
-        """Return the fluid volume V [m3]: the volume within the braid minus the rubber.
+        """Return the fluid volume V [m3]: the volume within the braid minus the rubber inside it at rest.
+
+        The rubber inside the braid is treated as constant, so V changes as virtual work requires.
 
         Args:
             length: active length L [m].
@@ -136,7 +138,12 @@ class AbstractGeometry(Parametrised):
             V [m3], with the broadcast shape; nan at impossible states.
         """
         at = self.dimensions(length, pressure)
-        return at.volume - at.bladder_volume
+        return at.volume - self.rubber_within_braid(at)
+
+    def rubber_within_braid(self, at: Dimensions) -> RealArray:
+        """Return the volume [m3] of the rubber inside the braid; without `bladder`, that of all rubber."""
+        bladder = getattr(self, "bladder", None)
+        return at.bladder_volume if bladder is None else bladder.volume_within_braid
 
     def braid_limits(self) -> tuple[RealArray, RealArray]:
         """Return the lengths [m] at which the unloaded braid locks and at which its threads are straight.
@@ -213,6 +220,14 @@ class Bladder(Parametrised):
     def volume(self) -> RealArray:
         """Volume V [m3] of the rubber, 2 pi R_mid t0 L0; constant."""
         return 2 * jnp.pi * self.rest_mid_radius * self.rest_thickness * self.rest_length
+
+    @property
+    def volume_within_braid(self) -> RealArray:
+        """Volume [m3] of the rubber inside the braid at rest: the inner half of an `embedded` wall."""
+        if not self.embedded:
+            return self.volume
+        t = self.rest_thickness
+        return jnp.pi * t * (self.rest_mid_radius - t / 4) * self.rest_length
 
     @property
     def smallest_braid_radius(self) -> RealArray:
@@ -477,8 +492,8 @@ class EndEffectGeometry(AbstractGeometry):
         found = self.dimensions(length, pressure)
         reached = found.reached
         at, rest = found.where(reached), self.cylinder.dimensions(self.rest_length, jnp.zeros(()))
-        volume = rest.volume + (at.volume - rest.volume) / self.end_factor - at.bladder_volume
-        return jnp.where(reached, volume, jnp.nan)
+        volume = rest.volume + (at.volume - rest.volume) / self.end_factor
+        return jnp.where(reached, volume - self.cylinder.rubber_within_braid(at), jnp.nan)
 
     def braid_limits(self) -> tuple[RealArray, RealArray]:
         """Return the limits [m], converted from those of the cylinder; rounded ends shift both."""

@@ -485,7 +485,8 @@ _HIGHEST_COMPLIANCE = 5e-5  # m/N
 
 SEATING_FORCE = 100.0
 """Reference force [N] for the compliance, at which the deflection does not depend on the exponent."""
-_LINEAR = 1e-3  # fraction of the reference force below which the deflection is linear
+LINEAR = 1e-3
+"""Fraction of the reference force below which the deflection is linear."""
 
 
 def give_way(force: Real, compliance: Real, exponent: Real | None = None) -> RealArray:
@@ -505,7 +506,7 @@ def give_way(force: Real, compliance: Real, exponent: Real | None = None) -> Rea
     force, compliance = as_real(force), as_real(compliance)
     if exponent is None:
         return compliance * force
-    squared = (force / SEATING_FORCE) ** 2 + _LINEAR**2
+    squared = (force / SEATING_FORCE) ** 2 + LINEAR**2
     return compliance * force * squared ** ((as_real(exponent) - 1) / 2)
 
 

@@ -909,11 +909,12 @@ class RegulatedState(eqx.Module):
 
 
 class Regulated(Parametrised):
-    """A plant with one muscle and a pressure controller; `Command.signal` is the set pressure [Pa].
+    """A plant with a pressure controller; `Command.signal` is the set pressure [Pa] of each muscle.
 
     Attributes:
-        plant: plant with one muscle.
-        controller: controller that reads the true pressure at the end of each step.
+        plant: plant with one muscle, or with the two muscles of a joint.
+        controller: controller that reads the true pressure at the end of each step. In a joint, each muscle
+            has a controller with these gains.
     """
 
     plant: Plant
@@ -922,7 +923,9 @@ class Regulated(Parametrised):
     def start(self, position: Real | None = None, pressure: Real = 0.0) -> RegulatedState:
         """Return the state of the plant at rest, with zero controller output."""
         at = self.plant.start(position, pressure)
-        return RegulatedState(at, self.controller.start(), jnp.zeros_like(at.pressure))
+        begun, none = self.controller.start(), jnp.zeros_like(at.pressure)
+        begun = ControllerState(begun.integral + none, begun.total + none, begun.phase)
+        return RegulatedState(at, begun, none)
 
     def step(self, state: RegulatedState, command: Command, dt: Real) -> RegulatedState:
         """Advance the plant under the current controller output, then the controller by one tick."""

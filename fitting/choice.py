@@ -98,8 +98,15 @@ class Choice:
         if not others:
             return f"Only {self.name} could be tried: the map is too small for other families."
         near = [one.candidate.name for one in others if one.held_out <= NEAR * first.held_out]
+        best = min(self.tried, key=lambda one: one.held_out)
         found = f"{self.name} predicts held-out readings best."
-        if near:
+        if first.held_out > NEAR * best.held_out:
+            found = (
+                f"The held-out error of {best.candidate.name} is smaller, {best.held_out:.3g} N compared "
+                f"with {first.held_out:.3g} N. The map has too few lengths to rely on this difference, so "
+                f"the simpler law, {self.name}, is kept."
+            )
+        elif near:
             found = (
                 f"The choice is not clear: {' and '.join(near)} and {self.name} predict held-out readings "
                 f"about equally well. {self.name} is kept."

@@ -119,8 +119,8 @@ def levels_of(
         said = Quantity(tolerance, what).in_units("metric")
         note = (
             f"Readings whose {what}s differ by less than {said} are treated as one {what} (tolerance "
-            f"{'given' if given else 'derived from the gaps'}): {distinct.size} values form {count.size} "
-            "levels."
+            f"{'from the file' if given else 'derived from the gaps'}). {distinct.size} different values "
+            f"form {count.size} levels."
         )
     elif count.size > max(2, _FRACTION * values.size):
         note = (

@@ -147,8 +147,8 @@ def ladder(
             )  # fmt: skip
     if large:
         dropped.append(
-            f"Families with more than {told} unknowns were left out ({large} in all): {lengths} lengths "
-            "cannot determine that many."
+            f"{large} {'family' if large == 1 else 'families'} with more than {told} unknowns could not be "
+            f"tried: {lengths} lengths cannot determine that many."
         )
     return tuple(found), tuple(dropped)
 

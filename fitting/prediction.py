@@ -325,7 +325,7 @@ class Reach:
         if rest_length is not None:
             muscle = famjax.cut_to_length(muscle, rest_length)
         self.rest_length = fitted if rest_length is None else rest_length
-        rounding = 1e-12 * self.rest_length
+        rounding = 1e-4 * self.rest_length
         self.lengths = (
             float(min(ratios)) * self.rest_length - rounding,
             float(max(ratios)) * self.rest_length + rounding,
@@ -370,7 +370,9 @@ class Reach:
             (not measured, False, ("the length is outside the measured range, ", *lengths)),
             (not self.rest_lengths[0] <= self.rest_length <= self.rest_lengths[1], False,
              (f"the rest length is outside {self.whose}, ", *rests)),
-            (not known, True, ("the force or onset pressure is undefined at this state",)),
+            (not known, True,
+             ("the model has no force or onset at this length: the geometry is impossible there, or the "
+              "muscle stays slack",)),
             (not self.pressures[0] <= pressure <= self.pressures[1], False,
              ("the pressure is outside the measured range, ", *_range(self.pressures, "pressure"))),
         )  # fmt: skip
@@ -407,6 +409,8 @@ def _onsets(fit: Identification, length: Column, rest_length: float | None) -> l
         # An onset below the measured pressures is valid.
         begins = max(onset or 0.0, reach.pressures[0])
         why, _ = reach.outside(at, begins, math.nan if onset is None else 0.0)
+        if code == Outcome.FORCE_LOW:
+            why = "the muscle already pulls at zero pressure"
         rows.append({"length_m": at, "onset_pressure_Pa": onset} | _outside(why))
     return rows
 

@@ -253,7 +253,7 @@ _ALONE = 0.98
 _TAKES_PART = {
     "deadband_pressure": "a deadband", "end_factor": "rounded ends", "end_length": "rounded ends",
     "braid_compliance": "a compliant braid", "series_compliance": "a compliant rig",
-    "rest_length": "a rest length fitted to within its rounding",
+    "rest_length": "a rest length adjusted within its rounding error",
 }  # fmt: skip
 
 
@@ -345,7 +345,10 @@ class Findings:
     def summary(self, system: str = "metric") -> list[tuple[str, str]]:
         """Return the summary lines, each a label and a sentence."""
         result, errors, judged = self.result, self.result.errors, self.judged
-        told = [f"{judged.level.capitalize()}.", *judged.reasons[:2], judged.unchecked]
+        told = [f"{judged.level.capitalize()}.", *judged.reasons[:2]]
+        if others := len(judged.reasons) - 2:
+            told += [f"For {others} more, see the notes."] if others > 0 else []
+        told.append(judged.unchecked)
         model = in_words(result)
         if self.choice is not None:
             model += f"; chosen from {len(self.choice.tried)} models by cross-validation"

@@ -247,6 +247,11 @@ class Identification:
         return math.sqrt(float(np.mean(self.residuals[self.counted] ** 2)))
 
     @property
+    def deflection(self) -> float:
+        """Deflection [m] of a compliant rig at the largest measured force; 0 if the rig is rigid."""
+        return float(self.mounted.gives_way(self.errors.max_force))
+
+    @property
     def stopped(self) -> tuple[str, ...]:
         """Names of the parameters at a bound."""
         return tuple(one.name for one in self.estimates if one.at_bound)
@@ -345,15 +350,19 @@ def equivalent_sizes(result: Identification) -> list[str]:
 def of_parameters(result: Identification) -> list[Remark]:
     """Return remarks on parameters that the data do not determine, and on an unstable law."""
     estimates, certificate = result.estimates, result.certificate
-    doubtful = any(one.at_bound and not _plain(one) for one in estimates)
+    stuck = [one.name for one in estimates if one.at_bound and not _plain(one)]
+    absent = [one.name for one in estimates if one.at_bound and _plain(one)]
     beyond = equivalent_sizes(result)
     found: tuple[tuple[Any, int, str], ...] = (
         (beyond, 0, f"The values of {' and '.join(beyond)} describe an equivalent cylinder, which accounts "
          "for the rounded ends and the wall. They are not dimensions of the braid. The cylinder's volume "
          "differs from the muscle's; only the changes in volume agree."),
-        (result.stopped, int(doubtful), f"{', '.join(result.stopped)}: at a bound. The data alone would "
-         "place the value beyond the bound, so it has no standard error; the other standard errors are "
-         "valid only for this value."),
+        (stuck, 1, f"{', '.join(stuck)}: at a bound. Without the bound, the best fit would have a value "
+         "beyond it. It therefore has no standard error; the other standard errors are valid only for "
+         "this value."),
+        (absent, 0, f"{', '.join(absent)}: at the bound that means no such effect, because the readings "
+         "show none. It has no standard error; the other standard errors are valid only without this "
+         "effect."),
         (not certificate.condition <= CONDITION_LIMIT, 1, "These data do not determine every parameter "
          "separately, so there are no standard errors. Fix a parameter with --bounds, or measure at more "
          "lengths and pressures."),
@@ -418,10 +427,16 @@ def remarks(result: Identification) -> list[Remark]:
     )
     pictures = result.pictures
     missed = 0.0 if pictures is None else pictures.rmse / float(pictures.measured.mean())
+    stroke = float(np.ptp(data.length[data.loaded]))
+    soft = Sentence("The compliant rig deflects by ", Quantity(result.deflection, "length", 3),
+                    f" at the largest force, {result.deflection / max(stroke, 1e-9):.0%} of the stroke. If "
+                    "your rig is stiffer, check the rest length and the measured lengths. "
+                    "`--bounds series_compliance_mm/N=0` fits a rigid rig.")  # fmt: skip
     others: tuple[tuple[Any, int, str], ...] = (
         (missed > 0.03, 1, f"The computed profiles differ from the photographed ones by {missed:.0%} RMS. "
          "Check the dimensions of the braid and bladder and their bounds, or use the measured shape."),
         (outlying, 1 + (outlying > 0.25 * count), off),
+        (result.deflection > 0.25 * stroke, 1, soft),
         (pull > 2 * errors.rmse or level, level, slack),
         (certificate.n_agreeing < 2 < certificate.n_starts, 0,
          "Only one start reached the best fit: use more starts (starts= in Python)."),

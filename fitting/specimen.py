@@ -329,7 +329,7 @@ def describe(known: Mapping[str, Any], longest: float) -> Described:
         across = fields.get("nominal_diameter") or fields.get("bladder_diameter") or math.inf
         fields["wall_thickness"] = wall = min(DEFAULT_WALL_THICKNESS, _WALL_OF_BORE * across)
         said = Quantity(wall, "length").in_units("metric")
-        scaled = "E_n is nearly inversely proportional to it; the force does not depend on it"
+        scaled = "it changes E_n (inversely) and the fluid volume, but not the force"
         assume("wall_thickness", f"wall thickness was not given: {said} is assumed; {scaled}")
     if "embedded" not in fields and "bladder_diameter" not in fields:
         fields["embedded"] = True

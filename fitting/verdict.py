@@ -130,7 +130,7 @@ def judge(
 _CHECKS = {
     "rest_length": "the rest length (taken from the longest reading)",
     "nominal_diameter": "the bore (a wrong unit of force or pressure may look like a different bore)",
-    "wall_thickness": "the wall thickness (it scales the coefficients, but not the force)",
+    "wall_thickness": "the wall thickness (it changes the coefficients and the volume, but not the force)",
     "bladder_diameter": "the position of the braid (assumed inside the wall)",
 }
 """Consequences of assumed specimen data, most serious first."""

@@ -203,7 +203,7 @@ class Table:
             rest_length: rest length L0 [m]; None uses the longest measured length.
             provenance: see `Table`.
         """
-        rows = [{**_BLANK, **row} for row in rows]
+        rows = _of_one_camera([{**_BLANK, **row} for row in rows])
         names = dict.fromkeys((*_FIRST, *(name for row in rows for name in row["numbers"])))
         columns = {n: np.array([row["numbers"].get(n, math.nan) for row in rows]) for n in names}
         seconds = np.array([row["seconds"] for row in rows])
@@ -281,6 +281,33 @@ class Table:
         """Write a NetCDF 3 file (64-bit offsets), which every NetCDF reader can open."""
         self.to_xarray().to_netcdf(path, engine="scipy", format="NETCDF3_64BIT")
         return Path(path)
+
+
+_OTHER_CAMERA = 4.0  # standard errors of the inverse distance
+
+
+def _of_one_camera(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Reject pictures in which the tapes indicate another camera distance than in the other pictures."""
+    good = [k for k, row in enumerate(rows) if row["numbers"].get("distance_stderr", 0) > 0]
+    distance, stderr = (
+        np.array([rows[k]["numbers"][name] for k in good])
+        for name in ("distance", "distance_stderr")
+    )
+    near, weight, good = 1 / distance, (distance**2 / stderr) ** 2, np.array(good)
+    while near.size > 2:
+        others = (weight @ near - weight * near) / (weight.sum() - weight)
+        off = np.abs(near - others) / np.sqrt(1 / weight + 1 / (weight.sum() - weight))
+        k = int(off.argmax())
+        if off[k] < _OTHER_CAMERA:
+            break
+        error = (
+            f"DistanceContradiction: the tapes indicate a camera distance of {1e3 / near[k]:.0f} mm, but "
+            f"those in the other pictures indicate {1e3 / others[k]:.0f} mm. The muscle is probably "
+            "bowed, or leans towards the camera: hold it straight and upright, and retake the picture"
+        )
+        rows[good[k]] = {**_BLANK, "path": rows[good[k]]["path"], "error": error}
+        near, weight, good = (np.delete(one, k) for one in (near, weight, good))
+    return rows
 
 
 def _contract(

@@ -424,7 +424,6 @@ def check_tape_diameter(
         )  # fmt: skip
 
 
-_INCH = 0.0254  # [m]
 _SURE = 4.0  # standard errors above which the tapes contradict the stated distance
 _SEEN = 4.0  # the same for a tilt
 _LEANS = 3.25  # the same for the leans of both tapes together
@@ -571,13 +570,15 @@ def axis_of(
     elif abs(depth.nearer) > _SURE * depth.nearer_stderr and abs(depth.against) > _LEAST:
         parts.append(depth.against**2 * length / 4)  # for a bow in depth with these leans
         wide = abs(depth.against) * length / math.pi * _WAVE / d
-        seen = f"{1 / max(1 / d + depth.nearer, _FARTHEST) / _INCH:.0f} in"
+        seen = f"{1e3 / max(1 / d + depth.nearer, _FARTHEST):.0f} mm"
         text = (
-            f"{_ARCS}; the arcs indicate a camera distance of {seen}, but {d / _INCH:.0f} in was "
-            "stated: correct --distance"
+            f"the curvature of the tapes' edges indicates a camera distance of {seen}, but "
+            f"{1e3 * d:.0f} mm was stated. If that is wrong, correct --distance. Otherwise the muscle is "
+            "bowed or leans towards the camera, or the tapes are crooked: correct this, and retake the "
+            "picture"
         )
         if abs(depth.against) > _MOST:
-            raise DistanceContradiction(f"{text}, or omit it", stated=d, lean=depth.against)
+            raise DistanceContradiction(text, stated=d, lean=depth.against)
         warnings.append(f"{text}; the standard errors were increased")
     tilt, aside = depth.tilt, (upper.y + lower.y) / 2 / d
     turned = 1 / (math.cos(tilt) - math.sin(tilt) * aside) - 1  # relative effect on the length
@@ -628,16 +629,14 @@ def distance_by_tapes(
     inverse = 1 / assumed + depth.nearer
     if not _NEAREST > inverse > _FARTHEST:
         raise DistanceContradiction(
-            f"{_ARCS}; or state the distance with --distance", lean=depth.against
+            "no camera distance explains the curvature of the tapes' edges: wind the tapes square to the "
+            "axis and hang the muscle straight, or state the distance with --distance",
+            lean=depth.against,
         )
     return 1 / inverse
 
 
 _NEAREST, _FARTHEST = 1 / 0.15, 1 / 15.0  # inverse distances [1/m]
-_ARCS = (
-    "the tape edges must appear as arcs of rings square to the axis: wind the tapes square to it, and hang "
-    "the muscle straight"
-)
 
 
 def ends_aside(camera: Camera, outline: Outline) -> tuple[float, float]:

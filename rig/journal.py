@@ -611,7 +611,17 @@ class Audit:
     def __str__(self) -> str:
         verdict = f"NOT sound: {'; '.join(self.faults)}" if self.faults else "sound"
         found = {**dataclasses.asdict(self), "verdict": verdict}
-        return "\n".join(f"{name.replace('_', ' '):15}{value}" for name, value in found.items())
+        return "\n".join(f"{_IN_WORDS.get(name, name):36}{value}" for name, value in found.items())
+
+
+_IN_WORDS = {
+    "lost": "records lost on the serial line", "torn": "records missing from the file",
+    "missing_notes": "notes missing from the file", "damaged_bytes": "damaged bytes",
+    "refused": "rows that contradict others", "checked": "outputs recomputed",
+    "equal": "outputs that agree", "unchecked": "outputs that cannot be recomputed",
+    "first_wrong": "first wrong record (boot, number)", "ended": "recording ended",
+}  # fmt: skip
+"""Labels of the fields of an `Audit` in print."""
 
 
 def audit(record: Record) -> Audit:

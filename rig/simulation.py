@@ -371,8 +371,8 @@ class SimulatedRig:
 
     @property
     def force(self) -> float:
-        """True force F [N] with which the muscle pulls, including friction."""
-        return self.plant.force
+        """True force F [N] with which the muscle pulls, including friction; 0 if the muscle is slack."""
+        return max(self.plant.force, 0.0)
 
     def write(self, data: bytes) -> None:
         """Receive bytes from the host."""
@@ -392,14 +392,14 @@ class SimulatedRig:
         while (at := (self._ticks + 1) * dt) <= end:
             self._ticks += 1
             machine.sync = device.sync
-            machine.step(at, dt, plant.force)
+            machine.step(at, dt, self.force)
             plant.step(output / FULL_OUTPUT, dump_open, machine.length)
             if self.to_device.waiting:
                 device.feed(self.to_device.receive(at))
             counts = pressure_counts(plant.pressure, next(pressure_noise))
             if self.sensor_fault is not None:
                 counts = self.sensor_fault
-            device.tick(counts, force_counts(plant.force, next(force_noise)))
+            device.tick(counts, force_counts(self.force, next(force_noise)))
             if sent := device.take():
                 self.to_host.send(sent, at)
             output, dump_open = device.output, device.dump_open

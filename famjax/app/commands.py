@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import imaging.cli
 from famjax.boundary.errors import InputError
 from famjax.boundary.files import check_output
-from famjax.boundary.units import unit_system
+from famjax.boundary.units import sentence_in_units, unit_system
 from famjax.compilation_cache import start_jax
 from famjax.console import (
     Jobs,
@@ -164,7 +164,7 @@ def rig_simulate(
     print_rows(f"Isobars of {known['name']}", in_units(document["isobars"], unit_system(units)))
     print(found.alignment)
     for note in found.characterisation.notes:
-        print("note:", note)
+        print("note:", sentence_in_units(note, units))
     print("written:", ", ".join(paths))
     return 0
 

@@ -11,7 +11,7 @@ from msgspec import Meta
 from famjax.boundary.errors import InputError
 from famjax.boundary.files import as_svg, csv_text
 from famjax.boundary.toml_file import Form, NotNegative, Positive, from_entries
-from famjax.boundary.units import parse_quantity, unit_system
+from famjax.boundary.units import parse_quantity, sentence_in_units, unit_system
 from famjax.compilation_cache import start_jax
 from famjax.console import Output, Units, add_cwd_to_path, in_units, print_json, print_rows
 
@@ -121,6 +121,18 @@ def simulate(
             f"{plan}: the model has no valid state from {time[bad][0]:.3f} s on, at a length of "
             f"{found[bad][0, 2]:.4g} m: shorten the stroke, or increase the stiffness or damping"
         )
+    (short, long), (_, highest) = (
+        np.asarray(plant.muscle.region.length),
+        plant.muscle.region.pressure,
+    )
+    beyond = (found[:, 2] < short) | (found[:, 2] > long) | (found[:, 1] > highest)
+    if beyond.any():
+        told = (
+            f"the muscle is outside its measured range ({1e3 * short:.4g} to {1e3 * long:.4g} mm, up to "
+            f"{1e-3 * highest:.4g} kPa) for {TICK * beyond.sum():.3g} s, first at {time[beyond][0]:.3g} s; "
+            "the forces there are extrapolated"
+        )
+        print(f"note: {sentence_in_units(told, units)}", file=sys.stderr)
     names = ("time_s", "pressure_Pa", "length_m", "force_N")
     rows: Any = [dict(zip(names, row, strict=True)) for row in found.tolist()]
     table = in_units(rows[each - 1 :: each], unit_system(units))

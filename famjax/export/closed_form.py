@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from .. import materials
 from ..braids import Braid, CompliantBraid
 from ..geometries import EndEffectGeometry, EstimatedGeometry
-from ..muscle import AbstractMuscle, Muscle
+from ..muscle import LINEAR, SEATING_FORCE, AbstractMuscle, MountedMuscle, Muscle
 from ..terms import BladderWall, PressurisedBraid
 
 
@@ -22,10 +22,16 @@ class ClosedForm(NamedTuple):
         numbers: value of each number and its description with the unit, by name.
         statements: names and expressions in order. An expression contains L, P and names from earlier
             statements; the last name is G.
+        rig: numbers `c_rig` and `n_rig` of a compliant rig, in the same form; empty for a rigid rig.
     """
 
     numbers: dict[str, tuple[float, str]]
     statements: list[tuple[str, str]]
+    rig: dict[str, tuple[float, str]]
+
+
+_DEFLECTION = f"c_rig * G * ((G / {SEATING_FORCE})**2 + {LINEAR}**2)**((n_rig - 1) / 2)"
+"""Deflection [m] of the rig under a force G [N], see `famjax.muscle.give_way`."""
 
 
 Stress = tuple[dict[str, tuple[float, str]], str]
@@ -75,8 +81,16 @@ def closed_form(muscle: AbstractMuscle) -> ClosedForm | None:
 
     Args:
         muscle: muscle to write. It has a closed form if it is a cylinder, with or without rounded ends,
-            with inextensible or linearly elastic threads, a bladder law and a pressurised braid.
+            with inextensible or linearly elastic threads, a bladder law and a pressurised braid. The rig
+            may be compliant.
     """
+    rig: dict[str, tuple[float, str]] = {}
+    if isinstance(muscle, MountedMuscle):
+        compliance, exponent = float(muscle.compliance), muscle.exponent
+        about = "m/N, compliance of the rig at 100 N", "-, exponent of the rig's deflection"
+        values = compliance, 1.0 if exponent is None else float(exponent)
+        rig = dict(zip(("c_rig", "n_rig"), zip(values, about, strict=True), strict=True))
+        muscle = muscle.muscle
     if not isinstance(muscle, Muscle):
         return None
     terms: dict[type, Any] = {type(one): one for one in muscle.terms.terms}
@@ -120,21 +134,61 @@ def closed_form(muscle: AbstractMuscle) -> ClosedForm | None:
         ("braid", "(P - P_d) * (3 * l**2 - B**2) / (4 * pi * N**2)"),
         ("G", "braid + s_z * V / l - s_c * t * l**2 / (2 * pi * R * N**2)"),
     ]  # fmt: skip
-    return ClosedForm({**known, **law}, statements)
+    return ClosedForm({**known, **law}, statements, rig)
 
 
-def matlab_lines(form: ClosedForm) -> tuple[str, str]:
-    """Format the numbers and statements as MATLAB code."""
-    numbers, statements = python_lines(form)
-    lines = [f"{re.sub(r'[*]{2}|[*/]', _dotted, one.strip())};" for one in statements.split("\n")]
-    return re.sub("  # ", "; % ", numbers), "\n".join(lines)
+_IN_MATLAB = """G = muscle_force(L, P);
+low = min(-0.1 * G, 1.1 * G);
+high = max(-0.1 * G, 1.1 * G);
+for k = 1:60 % the rig deflects, so G is the force of the muscle at a shorter length
+    G = (low + high) / 2;
+    more = muscle_force(L - DEFLECTION, P) > G;
+    low(more) = G(more);
+    high(~more) = G(~more);
+end"""
+_IN_PYTHON = """G = muscle_force(L, P)
+    low, high = np.minimum(-0.1 * G, 1.1 * G), np.maximum(-0.1 * G, 1.1 * G)
+    for _ in range(60):  # the rig deflects, so G is the force of the muscle at a shorter length
+        G = (low + high) / 2
+        more = muscle_force(L - DEFLECTION, P) > G
+        low, high = np.where(more, G, low), np.where(more, high, G)"""
 
 
-def python_lines(form: ClosedForm) -> tuple[str, str]:
-    """Format the numbers and statements as Python code; the statements form a function body."""
-    numbers = [f"{name} = {value!r}  # {about}" for name, (value, about) in form.numbers.items()]
-    return "\n".join(numbers), "\n    ".join(f"{name} = {text}" for name, text in form.statements)
+def matlab_words(form: ClosedForm) -> dict[str, str]:
+    """Return MATLAB code for the words NUMBERS, STATEMENTS and ALONE of the template."""
+    numbers, rig = (_numbers(one).replace("  # ", "; % ") for one in (form.numbers, form.rig))
+    statements = "\n".join(f"{name} = {_dotted(text)};" for name, text in form.statements)
+    if not rig:
+        return {"NUMBERS": numbers, "STATEMENTS": statements, "ALONE": ""}
+    about = "% Return the force [N] of the muscle alone, without the rig."
+    lines = "function G = muscle_force(L, P)", about, numbers, statements, "G = real(G);", "end"
+    alone = "\n" + "\n".join(lines) + "\n"
+    return {
+        "NUMBERS": rig,
+        "STATEMENTS": _IN_MATLAB.replace("DEFLECTION", _dotted(_DEFLECTION)),
+        "ALONE": alone,
+    }
 
 
-def _dotted(found: re.Match[str]) -> str:
-    return "." + found[0].replace("**", "^")
+def python_words(form: ClosedForm) -> dict[str, str]:
+    """Return NumPy code for the words NUMBERS, STATEMENTS and ALONE of the template."""
+    numbers = _numbers({**form.numbers, **form.rig})
+    statements = "\n    ".join(f"{name} = {text}" for name, text in form.statements)
+    if not form.rig:
+        return {"NUMBERS": numbers, "STATEMENTS": statements, "ALONE": ""}
+    about = '"""Return the force [N] of the muscle alone, without the rig."""'
+    lines = "def muscle_force(L, P):", about, statements, "return G"
+    alone = "\n    ".join(lines) + "\n\n\n"
+    return {
+        "NUMBERS": numbers,
+        "STATEMENTS": _IN_PYTHON.replace("DEFLECTION", _DEFLECTION),
+        "ALONE": alone,
+    }
+
+
+def _numbers(numbers: Mapping[str, tuple[float, str]]) -> str:
+    return "\n".join(f"{name} = {value!r}  # {about}" for name, (value, about) in numbers.items())
+
+
+def _dotted(text: str) -> str:
+    return re.sub(r"[*]{2}|[*/]", lambda found: "." + found[0].replace("**", "^"), text)

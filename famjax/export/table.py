@@ -26,6 +26,8 @@ from .plain import TabulatedPull
 CLOSE = 5e-8
 """Maximum interpolation error along either axis, relative to the largest force in the region."""
 
+_COARSE = 5e-4
+"""Error accepted if `CLOSE` cannot be reached, as where a muscle in a compliant rig becomes slack."""
 _MOST = {"length": 257, "pressure": 65}
 _FIRST = {"length": 9, "pressure": 2}
 _INSIDE = np.array([0.2, 0.5, 0.8])  # positions in a cell at which the error is evaluated
@@ -122,6 +124,11 @@ class Subject:
             made = self.card.provenance
             doubt = unidentified(self.name, made.verdict, made.reasons)
             lines += [] if doubt is None else [f"WARNING: {doubt}"]
+            if made.rmse_N is not None and made.max_force_N is not None:
+                lines.append(
+                    f"fit: {made.verdict or 'not judged'}; RMSE {made.rmse_N:.3g} N, largest reading "
+                    f"{made.max_force_N:.5g} N; for the 95 % band, use famjax predict with the fit.json"
+                )
             lines += made.notes
         return [*lines, *self.muscle.notes]
 
@@ -132,7 +139,7 @@ class Subject:
         return [
             *self.about,
             f"largest difference from the model at {_STATES} random states, relative to the "
-            f"largest force, {off.largest_force:.6g} N:",
+            f"largest force at these states, {off.largest_force:.6g} N:",
             f"  {off.force:.1e} in that region, {off.force_beyond:.1e} up to twice its lengths and "
             "pressures; rounding in the target program is not included",
         ]
@@ -205,21 +212,26 @@ def tabulated_volume(muscle: SafeMuscle) -> tuple[dict[str, Numbers], Numbers]:
 def _nodes(muscle: Any, of: str, region: Region) -> tuple[dict[str, Numbers], Numbers]:
     """Refine the nodes until the cubic in each cell is accurate; return nodes, values and slopes."""
     ends = {name: np.asarray(getattr(region, name), float) for name in ("length", "pressure")}
-    nodes = {name: np.linspace(low, high, _FIRST[name]) for name, (low, high) in ends.items()}
+    first = {name: np.linspace(low, high, _FIRST[name]) for name, (low, high) in ends.items()}
+    nodes = dict(first)
     scale = float(np.abs(_slopes(muscle, of, *np.meshgrid(*nodes.values()))[0]).max())
+    close = CLOSE
     while True:
-        wide = {name: _cubic_errors(muscle, of, nodes, name) > CLOSE * scale for name in nodes}
+        wide = {name: _cubic_errors(muscle, of, nodes, name) > close * scale for name in nodes}
         if not any(one.any() for one in wide.values()):
             return nodes, _slopes(muscle, of, *np.meshgrid(*nodes.values(), indexing="ij"))
         for name, at in nodes.items():
             middles = 0.5 * (at[1:] + at[:-1])[wide[name]]
             nodes[name] = np.sort(np.concatenate([at, middles]))
-            if len(nodes[name]) > _MOST[name]:
+        if any(len(at) > _MOST[name] for name, at in nodes.items()):
+            if close == _COARSE:
                 raise InputError(
                     "the model is not smooth enough for a table: to be accurate to within "
-                    f"{CLOSE:g} of the largest force, the table would need more than {_MOST[name]} "
-                    f"{name}s; export the model itself with --to mjx"
+                    f"{_COARSE:g} of the largest force, the table would need more than "
+                    f"{_MOST['length']} lengths or {_MOST['pressure']} pressures; export the model itself "
+                    "with --to mjx"
                 )
+            close, nodes = _COARSE, first
 
 
 def check_float64() -> None:

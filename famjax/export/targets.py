@@ -14,7 +14,7 @@ from ..boundary.errors import InputError
 from ..boundary.files import check_output, write_all
 from ..plant import Plant, PneumaticCircuit
 from .circuits import filled, fmu, numbers_in_lines, plant_words
-from .closed_form import ClosedForm, closed_form, matlab_lines, python_lines
+from .closed_form import ClosedForm, closed_form, matlab_words, python_words
 from .mujoco import docstring, mjx_files, mujoco_files, table_words
 from .table import Subject, check_float64
 
@@ -22,6 +22,7 @@ Files = dict[str, bytes]
 """File contents by name."""
 
 _LENGTHS, _PRESSURES = 129, 41  # grid of a CSV file
+_FARTHEST = 2.0  # length, relative to the longest, above which a closed form assumes a wrong unit
 _ASKED = 1000  # states
 _BEYOND = 0.5  # extension of the grid, as a fraction of the distance from the data to a stop
 
@@ -55,7 +56,7 @@ def matlab_files(subject: Subject) -> Files:
     Otherwise the functions call `NAME_model_force.m`, which contains a table. The functions need no
     toolbox and work in a MATLAB Function block in Simulink.
     """
-    name, closed = subject.identifier, _closed(subject, "%   ", matlab_lines)
+    name, closed = subject.identifier, _closed(subject, "%   ", matlab_words)
     if closed is not None:
         return {f"{name}_{of}.m": filled(f"closed_{of}.m", closed) for of in ("force", "pressure")}
     words = _words(subject, "%  ", "{}", end=" ...")
@@ -65,14 +66,14 @@ def matlab_files(subject: Subject) -> Files:
 
 def python_files(subject: Subject) -> Files:
     """Write `NAME.py`, which needs only NumPy and contains the closed-form equations or a table."""
-    name, closed = subject.identifier, _closed(subject, "", python_lines)
+    name, closed = subject.identifier, _closed(subject, "", python_words)
     if closed is not None:
         return {f"{name}.py": filled("closed.py.in", closed)}
     return {f"{name}.py": filled("table.py.in", table_words(subject))}
 
 
 def _closed(
-    subject: Subject, comment: str, printed: Callable[[ClosedForm], tuple[str, str]]
+    subject: Subject, comment: str, written: Callable[[ClosedForm], dict[str, str]]
 ) -> dict[str, Any] | None:
     """Return the substitutions for the closed-form templates; None if the muscle has no closed form."""
     check_float64()
@@ -84,10 +85,10 @@ def _closed(
     words = {
         "name": subject.identifier, "NAME": subject.identifier.upper(), "HEADING": "",
         **dict(zip(("SHORTEST", "LONGEST", "LOWEST", "HIGHEST"), ends, strict=True)),
-        "SLACK": float(muscle.slack_width), "STRAIGHT": float(inside.muscle.stops()[1]),
+        "SLACK": float(muscle.slack_width), "FARTHEST": f"{_FARTHEST * ends[1]:.3g}",
     }  # fmt: skip
     module: dict[str, Any] = {}
-    exec(compile(filled("closed.py.in", words | _code(form, python_lines)), "", "exec"), module)
+    exec(compile(filled("closed.py.in", words | python_words(form)), "", "exec"), module)
     rng = np.random.default_rng(0)
     L, P = (rng.uniform(low, high, _ASKED) for low, high in (ends[:2], ends[2:]))
     force = np.asarray(muscle.force(L, P))
@@ -96,11 +97,7 @@ def _closed(
     about = [*own, f"model in closed form; errors at {_ASKED} random states are below {off:.1e} of the "
              "largest force"]  # fmt: skip
     heading = "\n".join(f"{comment}{line}" for line in docstring(about).split("\n"))
-    return words | _code(form, printed) | {"HEADING": heading}
-
-
-def _code(form: ClosedForm, printed: Callable[[ClosedForm], tuple[str, str]]) -> dict[str, str]:
-    return dict(zip(("NUMBERS", "STATEMENTS"), printed(form), strict=True))
+    return words | written(form) | {"HEADING": heading}
 
 
 def csv_files(subject: Subject) -> Files:

@@ -129,6 +129,7 @@ def predict(
     elif force:
         _only(given, ("--length", "--force"), "--force can only be combined with --length: omit {}")
         rows, heading = fitting.prediction.pressures_for(saved, L, F), "Pressure"
+        notes = ["for the error band of the force, predict the force at this pressure"]
     else:
         rest = None if rest_length is None else parse_quantity(rest_length, "length")
         rows = fitting.predict(saved, L, P, onset=onset, rest_length=rest)
@@ -207,8 +208,8 @@ def _notes(saved: "Identification", *, other: bool, forces: bool) -> list[str]:
     document, notes = saved.document, []
     if document.get("series_compliance_m_per_N"):
         notes.append(
-            "the column force applies to the muscle in the compliant rig, and the column muscle force to "
-            "the muscle alone"
+            "the force is that of the muscle in its compliant rig, as in the readings; lengths include the "
+            "deflection of the rig"
         )
     if other and "series" not in document:
         names, band = "; ".join(saved.outlook.other_lengths), "there is no error band"
@@ -312,7 +313,8 @@ def card(
         found = card_of(saved, name=name, count=sample, origin=Origin.of_this_command())
     warn_unidentified(fit_json, found.provenance.verdict, found.provenance.reasons)
     path = write_card(found, fit_json.parent / "card.json" if output is None else output)
-    print(f"{found.name}: {len(found.members)} model(s), RMSE {found.provenance.rmse_N:.3g} N")
+    mean = f", mean of {len(found.members)} models" * (len(found.members) > 1)
+    print(f"{found.name}: RMSE {found.provenance.rmse_N:.3g} N{mean}")
     for note in found.safe().notes:
         print(f"note: {note}")
     print(f"written: {path}")

@@ -354,8 +354,9 @@ def _curve(record: IsobaricRecord, of: str, rows: slice, at: np.ndarray) -> np.n
     thin = count < 3
     if thin.any():
         raise InputError(
-            f"the machine log must have at least 3 rows within {width:.3g} m of the length "
-            f"{at[thin][0]:.5g} m, got {int(count[thin][0])}: increase the logging rate"
+            f"the machine log must have at least 3 rows within {1e3 * width:.3g} mm of the length "
+            f"{1e3 * at[thin][0]:.5g} mm, got {int(count[thin][0])}. Either the muscle became slack soon "
+            "after the start of the stroke, and a higher pressure helps; or the logging rate is too low"
         )
     return values
 

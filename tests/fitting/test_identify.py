@@ -146,7 +146,7 @@ def _rest(*prior: float, unit: str = "mm") -> dict:
         ({"parameters": {END: Parameter(vary=False)}}, "vary=False needs a value"),
         ({"parameters": {END: Parameter(value=1.1)}}, "vary=False needs a value"),
         ({"parameters": {"series_compliance": Parameter(min=-1.0, unit="mm/N")}}, "must be >= 0"),
-        ({"parameters": {END: Parameter(max=1.3)}, "bounds": {END: (1.0, 1.2)}}, "the bounds on .* only once"),
+        ({"parameters": {END: Parameter(max=1.3)}, "bounds": {END: (1.0, 1.2)}}, "bounds on .* only once"),
         ({"noise": -1.0}, "standard deviation of a reading in N, must be > 0"),
         ({"geometry": FESTO_CYLINDER, "parameters": {"end_length": Parameter()}}, "parameter end_length"),
     ],

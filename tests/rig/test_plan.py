@@ -76,7 +76,7 @@ def test_a_file_is_read_in_its_units(tmp_path):
         ("settle_s = 10", "settle_s = -1", "must be a number >= 0 and finite, got -1"),
         ("jump_limit_bar = 3", "jump_limit_bar = -3", "jump_limit_bar must be a number >= 0"),
         ("cycles = 3", "cycles = 2.5", "cycles must be a whole number >= 1, got 2.5"),
-        ("[20, 40.5]", '["a"]', "pressures_psi must be at least one pressure, each a finite number >= 0"),
+        ("[20, 40.5]", '["a"]', "_psi must be at least one pressure, each a finite number >= 0"),
         ("[20, 40.5]", "[]", "at least one pressure"),
         ("[20, 40.5]", "[20,5, 40,5]", r"pressures_psi = \[20,5, 40,5\] seems to contain decimal"),
         ("[20, 40.5]", "[20,5]", "decimal commas"),

@@ -195,8 +195,9 @@ def by_pressure(source: Source) -> Drawn:
         "Top: blocked force, free contraction and force RMSE against pressure for each geometry; circles "
         "are measurements, shown if the test reached that state. Bottom: work from rest to the end of each "
         "stroke. 'Left over' is the fluid's work that goes into neither the load nor the bladder. "
-        "If it is negative, the force model creates energy. Efficiency is the work done on the load "
-        "divided by the work done by the fluid."
+        "If it is negative, the force model creates energy. With the measured shape, this is expected, "
+        "because Gaylord's force term was derived for a cylinder: use another geometry in simulations. "
+        "Efficiency is the work done on the load divided by the work done by the fluid."
     )
 
 

@@ -244,6 +244,7 @@ void @name@_rates(const state *at, real signal, real dump, real length, real vel
 real @name@_pull(const state *at, real length, real velocity)
 {
     state now = *at;
+    (void)now; /* unused without friction */
     const real force = @name@_force(length, at->pressure);
     slide(now.memory, length, at->pressure);
     return force + added(now.memory, length, at->pressure, force) + f_viscosity * velocity;

@@ -78,7 +78,7 @@ class Rippled(famjax.AbstractMuscle):
     rest_length: jax.Array = eqx.field(converter=jnp.asarray, default=0.3)
 
     def force(self, length, pressure):
-        return 2e3 * length + 1e-3 * jnp.sin(1e5 * length) + 1e-3 * pressure
+        return 2e3 * length + 4 * jnp.sin(2.4e-3 * pressure) + 1e-2 * pressure
 
     def length_range(self):
         return jnp.asarray(0.1), jnp.asarray(0.4)
