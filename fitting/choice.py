@@ -210,7 +210,7 @@ def choose(
     families = [fit for _, fit in told if isinstance(fit, Fitted)]
     for why in dict.fromkeys(one for _, one in told if isinstance(one, str)):
         dropped += (
-            f"Set aside: {'; '.join(one.name for one, of in told if of == why)}. Reason: {why}",
+            f"Not considered: {'; '.join(one.name for one, of in told if of == why)}. {why}",
         )
     if not families:
         raise InputError(_NO_FORCE)

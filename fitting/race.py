@@ -128,7 +128,7 @@ def _fitted(candidate: Candidate, posed: Posed, problem: Problem, ends: list[End
     except InputError as error:
         return str(error)
     if candidate.rig and _rig_of_the_bounds(problem, end):
-        return "In the best fit, the rig is rigid, or as compliant as its bounds allow."
+        return "In its best fit, the rig is rigid, or as compliant as the bounds allow."
     order = np.argsort([one.cost for one in ends])
     return Fitted(
         candidate, posed, problem, np.stack([ends[k].u for k in order]),
