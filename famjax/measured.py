@@ -144,7 +144,7 @@ class Meridian(eqx.Module):
         radius = eqx.error_if(
             self.radius,
             bore <= 0,
-            "the radius of a profile must leave a bore in the bladder, but the rubber fills the bore. "
+            "the radius of a profile must be large enough to leave a bore, but the rubber fills it. "
             "Check the profile and the bladder's rest diameter, thickness and length, and use the same "
             "unit for all of them",
         )

@@ -36,8 +36,8 @@ is poorly determined."""
 
 MODEL_ERROR = 0.005
 """Standard deviation of a law's error, relative to the largest force. It is combined with the standard
-deviation of the readings. A reading known to 0.1 N then does not count a hundred times more than one known
-to 1 N if the law itself is accurate only to 3 N."""
+deviation of the readings. If the law is accurate only to within 3 N, a reading known to within 0.1 N then
+counts about as much as one known to within 1 N."""
 
 LAWS: dict[str, dict[str, Any]] = {
     "ogden": {"law": "ogden"},

@@ -409,7 +409,7 @@ class Weighing(NamedTuple):
 
 
 def programme(linear: Linear, of: Weighing) -> tuple[Array, Array, Array, Array]:
-    """Return A, b, G and h of the convex programme of a linear model."""
+    """Return A, b, G and h of the convex programme for a linear model."""
     A = jnp.concatenate([of.weight[:, None] * linear.columns, of.rows])
     b = jnp.concatenate([of.weight * (of.force - linear.force), of.targets])
     size = jax.lax.stop_gradient(jnp.sqrt(jnp.sum(A**2, axis=0)))

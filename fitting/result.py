@@ -348,7 +348,7 @@ def equivalent_sizes(result: Identification) -> list[str]:
 
 
 def of_parameters(result: Identification) -> list[Remark]:
-    """Return remarks on parameters that the data do not determine, and on an unstable law."""
+    """Return remarks about parameters that the data do not determine, and about an unstable law."""
     estimates, certificate = result.estimates, result.certificate
     stuck = [one.name for one in estimates if one.at_bound and not _plain(one)]
     absent = [one.name for one in estimates if one.at_bound and _plain(one)]

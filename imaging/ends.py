@@ -589,8 +589,8 @@ def axis_of(
         warnings.append(
             f"the axis, or both tapes, lean towards or away from the camera by {math.degrees(tilt):.1f} "
             f"+- {math.degrees(depth.tilt_stderr):.1f} deg, which changes the length by {abs(turned):.2%}: "
-            "half of this was corrected and half is included in the error; set the axis upright and wind "
-            "the tapes square to it"
+            "half of this has been corrected for, and half is included in the error; set the axis upright "
+            "and wind the tapes square to it"
         )
     else:
         unseen = math.sqrt(max(_UPRIGHT**2, tilt**2 - depth.tilt_stderr**2))

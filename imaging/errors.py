@@ -107,7 +107,7 @@ class AmbiguousRuler(ImagingError):
 
 
 class MixedSizes(ImagingError):
-    """The pictures of a campaign differ in size, so one recipe cannot apply to all of them."""
+    """The pictures in a campaign differ in size, so no single recipe applies to all of them."""
 
 
 class DistanceContradiction(ImagingError):

@@ -71,7 +71,7 @@ class Line:
 
 
 def regular_strips(luma: Image) -> list[Line]:
-    """Return strips with periodic brightness along the ruler, the most regular one first.
+    """Return strips with periodic brightness along the ruler, the most regular first.
 
     The marks on a ruler are perpendicular to its sides. The mean gradient direction, modulo a quarter
     turn, therefore leaves two possible directions for the ruler, and both are searched.

@@ -35,7 +35,7 @@ def pressure_text(pressure: float, unit: str) -> str:
 
 @dataclasses.dataclass(frozen=True)
 class Sensor:
-    """A linear sensor; nonlinearity is neglected and appears in `scatter`.
+    """A linear sensor; nonlinearity is not modelled, so it appears in `scatter`.
 
     value = gain (counts - zero), where counts is the sum of five 10-bit readings.
 

@@ -49,7 +49,7 @@ PRECONDITIONS = {
         "The supply regulator is set no higher than the rating of the muscle and hoses.",
         "A normally open dump valve vents the muscle if the power fails.",
         "The proportional valve exhausts at 0 % output.",
-        "Nobody stands in line with the ends of the muscle.",
+        "Nobody is standing in line with the ends of the muscle.",
     ),
     "water": (
         "A mechanical relief valve is fitted: software cannot limit the peak if a needle valve blocks.",

@@ -263,7 +263,7 @@ class Hello(NamedTuple):
 
 
 class Ack(NamedTuple):
-    """Answer to a command, `A,id,OK,seq` or `A,id,ERR,why`.
+    """Reply to a command: `A,id,OK,seq` or `A,id,ERR,why`.
 
     Attributes:
         id: number of the command.

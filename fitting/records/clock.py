@@ -356,7 +356,7 @@ def _refined(
     # The offset may oscillate between two rows of a slow log, by less than its standard error.
     if not abs(step[0]) < max(_SETTLED * interval, _TO_AND_FRO * errors[0]):
         raise InputError(
-            f"the load alignment does not converge: after {_STEPS} steps the offset still shifts by "
+            f"the load alignment did not converge: after {_STEPS} steps, the offset was still shifting by "
             f"{abs(step[0]):.2g} s. Check that both channels record the same load"
         )
     return Alignment(offset, rate, reference, float(errors[0]), float(errors[1]))

@@ -260,7 +260,7 @@ def _merged(P: Column, F: Column, slack: Mask, width: float) -> tuple[np.ndarray
 
 
 def ramp_pairs(points: QuasiStatic, *, rest_length: float, step: float = 25e3) -> BranchPairs:
-    """Return both branches of every record at the common pressures where the muscle pulls on both.
+    """Return both branches of every record at the shared pressures at which the muscle pulls.
 
     Args:
         points: points of records at one or more lengths, interpolated as in `static_map`.
