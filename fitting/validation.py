@@ -309,7 +309,7 @@ def _profile(result: Identification, estimate: Estimate, points: int) -> Profile
         reach = 0.1 * (span if np.isfinite(span) else np.abs(result.coefficients).max())
 
     def side(sign: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return values outwards from the optimum, up to a significant excess or a bound, and the excess."""
+        """Return values outwards from the optimum, up to a significant excess or a bound, and excesses."""
         values, excess = np.array([estimate.value]), np.zeros(1)
         for times in 2.0 ** np.arange(4):
             end = np.clip(estimate.value + sign * times * reach, estimate.min, estimate.max)
