@@ -1,5 +1,6 @@
 """Continue a force model safely beyond its data, so that the force is C1, monotone and never negative."""
 
+import functools
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -153,11 +154,21 @@ def rising(at: Slopes) -> Bool[Array | np.ndarray, "lengths pressures"]:
     return finite & (at.stiffness >= 0) & (at.area >= 0)
 
 
+def slack(at: Slopes) -> Bool[Array, "lengths pressures"]:
+    """Return a mask of states that are slack, as are their neighbours on the grid."""
+    count, other = at.force.shape
+    padded = jnp.pad(jnp.asarray(at.force) <= 0, 1, constant_values=True)
+    shifted = [padded[i : i + count, j : j + other] for i in range(3) for j in range(3)]
+    return functools.reduce(jnp.logical_and, shifted)
+
+
 def rising_region(muscle: AbstractMuscle, data: Region) -> tuple[Region, Slopes]:
     """Return the largest part of a region where the force does not fall as length or pressure rises.
 
-    The search covers all rectangles on a grid of 33 lengths and 65 pressures. It runs on the host
-    and cannot be traced.
+    The force is 0 where the muscle is slack, so the model may do anything there, except at the longest
+    length and the highest pressure, from which it is continued to states in which the muscle pulls. The
+    search covers all rectangles on a grid of 33 lengths and 65 pressures. It runs on the host and cannot
+    be traced.
 
     Args:
         muscle: the model.
@@ -170,13 +181,16 @@ def rising_region(muscle: AbstractMuscle, data: Region) -> tuple[Region, Slopes]
         InputError: the largest such rectangle has fewer than two cells in length or in pressure.
     """
     at = Slopes(*(np.asarray(one) for one in _grid_slopes(muscle, data)))
-    good = np.asarray(rising(at))
-    if good.all():
+    rises = np.asarray(rising(at))
+    for good in (rises | np.asarray(slack(at)), rises):
+        (i0, i1), (j0, j1) = (
+            _inner(low, high, count - 1)
+            for (low, high), count in zip(largest_block(good), good.shape, strict=True)
+        )
+        if rises[i1, j0 : j1 + 1].all() and rises[i0 : i1 + 1, j1].all():
+            break
+    if (i1 - i0 + 1, j1 - j0 + 1) == rises.shape:
         return data, at
-    (i0, i1), (j0, j1) = (
-        _inner(low, high, count - 1)
-        for (low, high), count in zip(largest_block(good), good.shape, strict=True)
-    )
     L = np.linspace(float(data.length[0]), float(data.length[1]), LENGTHS)
     P = np.linspace(float(data.pressure[0]), float(data.pressure[1]), PRESSURES)
     if min(i1 - i0, j1 - j0) < 2:
@@ -277,15 +291,15 @@ class ContinuedMuscle(AbstractMuscle):
         H(L, P) = F(L_c, P) + F_L(L_c, P) y(L - L_c)                  L_c: L clipped to the region
         G(L, P) = H(L, P_c) + H_P(L, P_c) y(P - P_c) + S(L)           P_c: P clipped to the region
 
-    Inside the region, G equals the model's force F to the last bit. G is C1 across every edge, because F
-    is C2. The step y (see `bent`) is linear unless linear extrapolation would make the stiffness F_L or
-    the area F_P negative. In that case, y saturates at a limit X that keeps both >= 0. S is the force of
-    two end stops outside the region. The first pulls beyond the straight-thread length; the second pushes
-    below the length at which the braid locks. A stop carries the region's largest force at a travel of
-    1 % of the rest length.
+    Inside the region, G equals the model's force F to the last bit. G is C1 across every edge where the
+    muscle pulls, because F is C2. The step y (see `bent`) is linear unless linear extrapolation would make
+    the stiffness F_L or the area F_P negative while the muscle pulls. In that case, y saturates at a limit X
+    that keeps both >= 0. S is the force of two end stops outside the region. The first pulls beyond the
+    straight-thread length; the second pushes below the length at which the braid locks. A stop carries the
+    region's largest force at a travel of 1 % of the rest length.
 
-    If the model is `rising` on the region's edges, then outside the region dG/dL >= 0 at every pressure
-    and dG/dP >= 0 at every length. Outside the region, F_L is clipped at zero.
+    If the model is `rising` on the region's edges where the muscle pulls, then outside the region, wherever
+    G > 0, dG/dL >= 0 and dG/dP >= 0. Outside the region, F_L is clipped at zero.
 
     Attributes:
         muscle: the model.
@@ -352,9 +366,12 @@ def _ends(at: Slopes) -> tuple[np.ndarray, np.ndarray]:
         rate = np.where(falls & ~holds, _AT_ONCE, rate)
         return min(_SPARE * rate.max(), _AT_ONCE)
 
+    # Shortened or vented, such a muscle becomes slack before its stiffness or area has fallen to 0.
     K, A, mixed = at.stiffness, at.area, at.stiffening
-    lengths = np.stack([end(mixed[0], A[0]), end(-mixed[-1], A[-1])])
-    pressures = np.stack([end(mixed[:, 0], K[:, 0]), end(-mixed[:, -1], K[:, -1])])
+    before = np.asarray(slack(at)) | (mixed * at.force <= K * A)
+    down = np.where(before, 0.0, mixed)
+    lengths = np.stack([end(down[0], A[0]), end(-mixed[-1], A[-1])])
+    pressures = np.stack([end(down[:, 0], K[:, 0]), end(-mixed[:, -1], K[:, -1])])
     return lengths, pressures
 
 
@@ -443,8 +460,9 @@ class SafeMuscle(AbstractMuscle):
             )
             if (had != kept).any():
                 found.append(
-                    f"the model is monotone only between {name}s of {kept[0]:.4g} and {kept[1]:.4g} "
-                    f"{unit}, but the data range from {had[0]:.4g} to {had[1]:.4g} {unit}"
+                    f"the force of the model rises with length and pressure only for {name}s from "
+                    f"{kept[0]:.4g} to {kept[1]:.4g} {unit}; from there to the limits of the data, "
+                    f"{had[0]:.4g} and {had[1]:.4g} {unit}, it is replaced by a continuation"
                 )
         return tuple(found)
 

@@ -10,7 +10,7 @@ from jaxtyping import Array
 
 from ..boundary.errors import InputError
 from ..compile_options import quick_jit
-from ..continuation import Region, grid_slopes, largest_share, rising
+from ..continuation import Region, grid_slopes, largest_share, rising, slack
 from ..muscle import MountedMuscle, flatten, number_names
 from .card import Sample, combined
 
@@ -74,7 +74,7 @@ def _looked_at(
     def one(row: Array) -> tuple[Array, Array]:
         at = grid_slopes(combined(members, weights, row, rigid=True), region)
         possible = _in_ranges(flatten(members[0])[1](row)) & jnp.all(jnp.isfinite(at.force))
-        return possible, jnp.asarray(rising(at))
+        return possible, jnp.asarray(rising(at)) | slack(at)
 
     return jax.lax.map(one, jnp.asarray(rows))  # one by one: equilibrium shapes need memory
 
