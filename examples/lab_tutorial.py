@@ -56,9 +56,9 @@ print(f"stability margin {fit.certificate.stability_margin / 1e6:.2f} MPa (stabl
 
 # %%
 levels = np.unique(data.length)
-mean_slope = np.diff(fit.muscle.force(levels, 5e5)) / np.diff(levels)
+mean_slope = np.diff(fit.mounted.force(levels, 5e5)) / np.diff(levels)
 lengths = np.linspace(levels[0], levels[-1], 202)[1:-1]
-slope = jax.jit(jax.vmap(jax.grad(fit.muscle.force), (0, None)))(lengths, 5e5)
+slope = jax.jit(jax.vmap(jax.grad(fit.mounted.force), (0, None)))(lengths, 5e5)
 steeper = slope / mean_slope[np.searchsorted(levels, lengths) - 1]
 print(f"at most {steeper.max():.2f} times as steep as the mean slope between neighbouring lengths")
 fitting.plot_fit(fit).savefig("lab_fit.svg", metadata={"Date": None})

@@ -293,10 +293,10 @@ class ContinuedMuscle(AbstractMuscle):
 
     Inside the region, G equals the model's force F to the last bit. G is C1 across every edge where the
     muscle pulls, because F is C2. The step y (see `bent`) is linear unless linear extrapolation would make
-    the stiffness F_L or the area F_P negative while the muscle pulls. In that case, y saturates at a limit X
-    that keeps both >= 0. S is the force of two end stops outside the region. The first pulls beyond the
-    straight-thread length; the second pushes below the length at which the braid locks. A stop carries the
-    region's largest force at a travel of 1 % of the rest length.
+    the stiffness F_L or the area F_P negative while the muscle pulls. In that case, y saturates at a limit
+    X that keeps both >= 0. S is the force of two end stops outside the region. The first pulls beyond the
+    straight-thread length; the second pushes below the length at which the braid locks. A stop carries
+    the region's largest force at a travel of 1 % of the rest length.
 
     If the model is `rising` on the region's edges where the muscle pulls, then outside the region, wherever
     G > 0, dG/dL >= 0 and dG/dP >= 0. Outside the region, F_L is clipped at zero.

@@ -151,7 +151,8 @@ class ModelError:
         few = (
             ""
             if "lengths" in judged
-            else ". There are too few lengths to estimate the error over length, so it is assumed"
+            else ". There are too few lengths to estimate the error between lengths, so a value typical of "
+            "other muscles is used"
         )
         grows = "it grows with distance from the measured states"
         included = f"the noise of the readings, the model error {seen} ({grows})"

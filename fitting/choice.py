@@ -97,23 +97,25 @@ class Choice:
         first, *others = self.tried
         if not others:
             return f"Only {self.name} could be tried: the map is too small for other families."
-        near = [one.candidate.name for one in others if one.held_out <= NEAR * first.held_out]
+        near = [
+            f"'{one.candidate.name}'" for one in others if one.held_out <= NEAR * first.held_out
+        ]
         best = min(self.tried, key=lambda one: one.held_out)
         found = f"{self.name} predicts held-out readings best."
         if first.held_out > NEAR * best.held_out:
             found = (
-                f"The held-out error of {best.candidate.name} is smaller, {best.held_out:.3g} N compared "
+                f"The held-out error of '{best.candidate.name}' is smaller, {best.held_out:.3g} N compared "
                 f"with {first.held_out:.3g} N. The map has too few lengths to rely on this difference, so "
-                f"the simpler law, {self.name}, is kept."
+                f"the simpler one, '{self.name}', is kept."
             )
         elif near:
             found = (
-                f"The choice is not clear: {' and '.join(near)} and {self.name} predict held-out readings "
-                f"about equally well. {self.name} is kept."
+                f"The choice is not clear: {', '.join(near)} and '{self.name}' predict held-out readings "
+                f"about equally well. '{self.name}' is kept."
             )
         if self.alike:
             found += (
-                f" The RMSE of {', '.join(self.alike)} is at most {ALIKE:g} times the smallest, so the "
+                f" The RMSE of {'; '.join(self.alike)} is at most {ALIKE:g} times the smallest, so the "
                 "error band includes the disagreement between these models."
             )
         return found

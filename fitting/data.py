@@ -590,6 +590,11 @@ def _map(table: Table, known: dict[str, Any]) -> ForceData:
     tolerances: dict[str, Any] = dict(map(_tolerance, _entries(table.comments, "level")))
     notes = [f"Ignored columns: {', '.join(table.others)}."] if table.others else []
     notes += _near_zero(arrays)
+    if "length_std" in arrays:
+        notes.append(
+            "The standard deviations of the lengths are stored, but the fit does not use them. State errors "
+            "that all readings share with --error."
+        )
     _lengths_of_contractions(arrays, known.get("rest_length"))
     longest = float(arrays["length"].max())
     muscle = describe({"name": Path(table.source).stem, **known}, longest)

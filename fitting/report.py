@@ -253,7 +253,7 @@ _ALONE = 0.98
 _TAKES_PART = {
     "deadband_pressure": "a deadband", "end_factor": "rounded ends", "end_length": "rounded ends",
     "braid_compliance": "a compliant braid", "series_compliance": "a compliant rig",
-    "rest_length": "a rest length adjusted within its rounding error",
+    "rest_length": "a fitted rest length",
 }  # fmt: skip
 
 
@@ -347,7 +347,7 @@ class Findings:
         result, errors, judged = self.result, self.result.errors, self.judged
         told = [f"{judged.level.capitalize()}.", *judged.reasons[:2]]
         if others := len(judged.reasons) - 2:
-            told += [f"For {others} more, see the notes."] if others > 0 else []
+            told += ["The notes list further doubts."] if others > 0 else []
         told.append(judged.unchecked)
         model = in_words(result)
         if self.choice is not None:
@@ -361,7 +361,7 @@ class Findings:
         error = f"{force(errors.rmse)} ({errors.rmse_percent:.3g} % of the largest force) in sample"
         error += "; held out: " * bool(held_out) + ", ".join(held_out)
         values = []
-        for one in result.estimates:
+        for one in self.estimates:
             value, unit, flag = _parameter(one, system)
             with_error = f"+- {flag} {unit}" if flag[0].isdigit() else f"{unit} ({flag})"
             values.append(f"{one.name} {value} {with_error}".rstrip().replace("  ", " "))
@@ -371,6 +371,16 @@ class Findings:
             ("RMSE", f"{error}."),
             ("parameters", f"{'; '.join(values)}."),
             ("not separable", self._not_separable()),
+        ]
+
+    @property
+    def estimates(self) -> list[Estimate]:
+        """The parameters; their standard errors include the shared errors, if these were stated."""
+        shared = self.evidence.shared
+        std = {} if shared is None else shared.std
+        return [
+            dataclasses.replace(one, stderr=math.hypot(one.stderr, std.get(one.name, 0.0)))
+            for one in self.result.estimates
         ]
 
     @property
@@ -410,7 +420,7 @@ class Findings:
         rows = [("blocked force", curve[0], std[0], "force")]
         if end:
             rows.append(("free contraction", 1 - free / rest, std[1] / (slope * rest), "number"))
-        known = [one for one in result.estimates if not one.fixed]
+        known = [one for one in self.estimates if not one.fixed]
         rows += [(one.name, one.value, one.stderr, one.kind) for one in known]
         text = [
             (what, *rounded(value, spread, units[kind], kind), units[kind])

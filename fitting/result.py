@@ -357,12 +357,10 @@ def of_parameters(result: Identification) -> list[Remark]:
         (beyond, 0, f"The values of {' and '.join(beyond)} describe an equivalent cylinder, which accounts "
          "for the rounded ends and the wall. They are not dimensions of the braid. The cylinder's volume "
          "differs from the muscle's; only the changes in volume agree."),
-        (stuck, 1, f"{', '.join(stuck)}: at a bound. Without the bound, the best fit would have a value "
-         "beyond it. It therefore has no standard error; the other standard errors are valid only for "
-         "this value."),
-        (absent, 0, f"{', '.join(absent)}: at the bound that means no such effect, because the readings "
-         "show none. It has no standard error; the other standard errors are valid only without this "
-         "effect."),
+        (stuck, 1, f"{', '.join(stuck)}: at a bound. The best fit would lie beyond it, so no standard "
+         "error is available there. The other standard errors assume the value at the bound."),
+        (absent, 0, f"{', '.join(absent)}: the readings show no such effect. The other standard errors "
+         "assume that there is none."),
         (not certificate.condition <= CONDITION_LIMIT, 1, "These data do not determine every parameter "
          "separately, so there are no standard errors. Fix a parameter with --bounds, or measure at more "
          "lengths and pressures."),

@@ -446,7 +446,7 @@ def card_of(
         weights=np.array(outlook.weights),
         data=Region.of(data.length, data.pressure),
         hysteresis=outlook.hysteresis,
-        provenance=_provenance(document, origin, [_NOT_ITS_VOLUME] * bool(equivalent_sizes(fit))),
+        provenance=_provenance(document, origin, _cautions(fit)),
     )
     directions = np.array(document["spread"]["directions"])
     if not directions.size or count <= 0:
@@ -455,10 +455,20 @@ def card_of(
     return dataclasses.replace(card, draws=drawn)
 
 
-_NOT_ITS_VOLUME = (
-    "the geometry is an equivalent cylinder: its volume changes are those of the muscle, but its "
-    "absolute volume is not"
-)
+def _cautions(fit: Identification) -> list[str]:
+    """Return notes on the use of the muscle, for the card and everything made from it."""
+    notes = []
+    if equivalent_sizes(fit):
+        notes.append(
+            "the geometry is an equivalent cylinder: its volume changes are those of the muscle, but its "
+            "absolute volume is not"
+        )
+    if fit.deflection > 0:
+        notes.append(
+            f"the force includes a compliant test rig, which deflects by {1e3 * fit.deflection:.3g} mm "
+            "at the largest measured force; in another mounting, the muscle is stiffer"
+        )
+    return notes
 
 
 def _provenance(document: Mapping[str, Any], origin: Origin | None, notes: list[str]) -> Provenance:

@@ -192,8 +192,8 @@ def _system(
     low, high = (float(one) for one in muscle.stops())
     if not low <= length <= high:
         raise InputError(
-            f"{plan}: [load] for this muscle, the length at the start must be {1e3 * low:.4g} to "
-            f"{1e3 * high:.4g} mm, got {1e3 * length:.4g} mm"
+            f"{plan}: [load]: the length at the start must be between {1e3 * low:.4g} and "
+            f"{1e3 * high:.4g} mm for this muscle, got {1e3 * length:.4g} mm"
         )
     relaxed = length if load.relaxed is None else load.relaxed
     moved = DrivenLength() if load.mass is None else MovingLoad.hung(

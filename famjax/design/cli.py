@@ -53,7 +53,8 @@ def design(
         contraction=0.3, stroke_mm=50, largest_diameter_in=2.2, longest_length_mm=400 (between the
         end-fittings), thread_factor=3.
     catalogue
-        Add your own catalogue file, repeatable; the bundled catalogue shows the format.
+        Add your own catalogue file, repeatable; the bundled catalogue,
+        `famjax/data/catalogue.toml`, shows the format.
     bundled
         Also search the bundled catalogue.
     search

@@ -136,8 +136,11 @@ def install(
     numbers = {model.actuator(name).id: name for name in pulls}
     added = {number: float((offsets or {}).get(name, 0.0)) for number, name in numbers.items()}
     _check_actuators(mujoco, model, pulls, offsets or {})
-    wanted = {number: pulls[name] for number, name in numbers.items()}
+    wanted, known = {n: pulls[name] for n, name in numbers.items()}, dict(numbers)
     states, names = model.actuator_actadr.tolist(), model.names
+    limits = {number: model.actuator_ctrlrange[number].tolist() for number in wanted
+              if model.actuator_ctrllimited[number]}  # fmt: skip
+    beyond = set[int]()
 
     def bias(asked: Any, data: Any, number: int) -> float:
         if number not in wanted or asked.names != names:
@@ -151,6 +154,12 @@ def install(
             if control < 1000:
                 warnings.warn(f"the control of {name} is {control:g} Pa: it must be a gauge pressure "
                               "in Pa (1 bar = 1e5 Pa)", stacklevel=2)  # fmt: skip
+        low, high = limits.get(number, (control, control))
+        if not low <= control <= high and number not in beyond:
+            beyond.add(number)
+            warnings.warn(f"the control of {known[number]} is {control:g} Pa: it is limited to its "
+                          f"ctrlrange, {low:g} to {high:g} Pa", stacklevel=2)  # fmt: skip
+        control = min(max(control, low), high)
         return -wanted[number].force(length, control if state < 0 else float(data.act[state]))
 
     def placed(data: Any, number: int, length: float) -> CompiledPlant:

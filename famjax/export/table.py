@@ -138,7 +138,7 @@ class Subject:
         off = self.errors
         return [
             *self.about,
-            f"largest difference from the model at {_STATES} random states, relative to the "
+            f"largest difference from `famjax.SafeMuscle` at {_STATES} random states, relative to the "
             f"largest force at these states, {off.largest_force:.6g} N:",
             f"  {off.force:.1e} in that region, {off.force_beyond:.1e} up to twice its lengths and "
             "pressures; rounding in the target program is not included",

@@ -212,7 +212,8 @@ def _notes(saved: "Identification", *, other: bool, forces: bool) -> list[str]:
             "deflection of the rig"
         )
     if other and "series" not in document:
-        names, band = "; ".join(saved.outlook.other_lengths), "there is no error band"
+        names = "; ".join(saved.outlook.other_lengths)
+        band = "there is no error band, because famjax fit was given a law, a deadband or a rig"
         if names:
             band = (
                 f"the force is the mean over all models that fit its force map ({names}), and the "
@@ -315,7 +316,10 @@ def card(
     path = write_card(found, fit_json.parent / "card.json" if output is None else output)
     mean = f", mean of {len(found.members)} models" * (len(found.members) > 1)
     print(f"{found.name}: RMSE {found.provenance.rmse_N:.3g} N{mean}")
-    for note in found.safe().notes:
+    doubts = (
+        found.provenance.reasons[:1] if found.provenance.verdict == "identified with doubts" else []
+    )
+    for note in (*doubts, *found.provenance.notes, *found.safe().notes):
         print(f"note: {note}")
     print(f"written: {path}")
     return 0

@@ -20,7 +20,10 @@ from ..folder import SHEET, Sheet
 from .figures import FIGURES, STYLE
 from .source import Source, parameter_kind, read_source
 
-_CHECKS = "Cross-checks between two sources of one quantity. Expected ranges are based on standard errors."
+_CHECKS = (
+    "Cross-checks between two sources of one quantity. Expected ranges are based on standard errors, or on "
+    "fixed limits for a muscle and its braid."
+)
 _TEST = "Test data. Left: force against contraction at each set pressure. Right: pressure error."
 _HEADER = ("quantity", "expected", "found", "verdict")
 _GEOMETRIC = ("turns", "braid_angle", "braid_diameter")
@@ -167,7 +170,8 @@ def unknown(sheet: Sheet) -> list[str]:
         "bladder strain depends on this assumption.": pictured and sheet.specimen.bladder_diameter is None,
         "The sheet states no calibration errors, so the standard errors and bands include only scatter and "
         "shape errors.": not sheet.errors.stated(),
-        "The sheet does not state the thread turns, so they are identified from the force.":
+        f"{SHEET} does not state the number of turns of a thread, so it is identified from the force. "
+        "If you can count the turns, enter the number there.":
             sheet.turns is None and pictured,
         f"{len(failed)} picture{'s' * (len(failed) != 1)} could not be measured: "
         f"{'; '.join(failed[:5])}.": failed,
