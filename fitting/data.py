@@ -592,8 +592,8 @@ def _map(table: Table, known: dict[str, Any]) -> ForceData:
     notes += _near_zero(arrays)
     if "length_std" in arrays:
         notes.append(
-            "The standard deviations of the lengths are stored, but the fit does not use them. State errors "
-            "that all readings share with --error."
+            "The standard deviations of the lengths are stored, but the fit does not use them. State "
+            "errors that all readings share with --error."
         )
     _lengths_of_contractions(arrays, known.get("rest_length"))
     longest = float(arrays["length"].max())

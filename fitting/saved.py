@@ -451,7 +451,12 @@ def card_of(
     directions = np.array(document["spread"]["directions"])
     if not directions.size or count <= 0:
         return card
-    drawn = draw(card.members, card.weights, directions, card.region, seed=seed, count=count)
+    try:
+        drawn = draw(card.members, card.weights, directions, card.region, seed=seed, count=count)
+    except InputError as error:
+        notes = [*card.provenance.notes, f"the card has no sample of muscles: {error}"]
+        made = msgspec.structs.replace(card.provenance, notes=notes)
+        return dataclasses.replace(card, provenance=made)
     return dataclasses.replace(card, draws=drawn)
 
 

@@ -17,6 +17,8 @@ from .card import Sample, combined
 _AT_ONCE = 32
 _RISES = 0.9  # fraction of the region
 _TRIES = 50  # per requested muscle
+_NEAR = 0.05  # fraction of a draw's deviation for which the force is linear in the parameters
+_CURVED = 5.0  # largest ratio of the sample's spread in force to that of linear theory
 
 
 def draw(
@@ -39,7 +41,8 @@ def draw(
         count: number of muscles to sample.
 
     Raises:
-        InputError: too few of the draws are valid.
+        InputError: too few of the draws are valid, or their forces spread over five times as far as
+            linear theory predicts, because the parameters lie on a curved ridge.
     """
     first = members[0]
     flat, _ = flatten(first)
@@ -59,6 +62,14 @@ def draw(
             f"only {len(kept)} of {tried} sampled muscles are valid, but {count} are needed: the fit "
             "does not determine the parameters well enough"
         )
+    far = np.array(kept[:count])
+    near = np.asarray(flat) + _NEAR * (far - np.asarray(flat))
+    close, away = _spreads(first, region, np.stack([flat, *near, *far]))
+    if float(away) > _CURVED * float(close) / _NEAR:
+        raise InputError(
+            "the parameters lie on a curved ridge, so muscles sampled from the covariance would spread too "
+            "far: use fitting.sample, which samples the posterior"
+        )
     return Sample(seed, list(number_names(first)), np.array(kept[:count]).tolist())
 
 
@@ -77,6 +88,21 @@ def _looked_at(
         return possible, jnp.asarray(rising(at)) | slack(at)
 
     return jax.lax.map(one, jnp.asarray(rows))  # one by one: equilibrium shapes need memory
+
+
+@quick_jit
+def _spreads(muscle: MountedMuscle, region: Region, rows: Any) -> tuple[Array, Array]:
+    """Return the RMS deviation in force of the first and second half of the rows after the first one."""
+    (short, long), (low, high) = region.length, region.pressure
+    L, P = jnp.meshgrid(jnp.linspace(short, long, 9), jnp.linspace(low, high, 9))
+
+    def force(row: Array) -> Array:
+        return flatten(muscle)[1](row).force(L, P)
+
+    own, *others = jnp.split(jax.lax.map(force, jnp.asarray(rows)), [1, 1 + len(rows) // 2])
+    pulls = own > 0
+    near, far = (jnp.where(pulls, one - own, 0.0) for one in others)
+    return jnp.sqrt(jnp.nanmean(near**2)), jnp.sqrt(jnp.nanmean(far**2))
 
 
 def _in_ranges(mounted: MountedMuscle) -> Array:
