@@ -4,9 +4,7 @@ The truth of a state is what a perfect repetition of the same test on the same r
 rig's give, the load cell's gain and the branch that was recorded are in it, noise is not. Three groups:
 
 own: random muscles of `tubes.py` in ordinary laboratories: rigs, grids, noise, files.
-hard: such muscles fitted to the bundled map of the DMSP-10-250, within 1.5 N (RMSE) of its loaded
-readings, on its own grid with 1 N of noise and nothing said of the specimen: its few lengths leave open
-how steeply the force falls beside the rest length.
+hard: such muscles fitted to the map of the DMSP-10-250, with 1 N of noise and nothing said of the specimen.
 bundled: both bundled maps whole, thinned and with noise; their truth is the fit of the whole.
 """
 

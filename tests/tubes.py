@@ -1,18 +1,11 @@
 """Force of a muscle by virtual work on its whole energy: a physics written apart from famjax.
 
-A thick tube of incompressible rubber is stretched along and around; its strain energy is integrated
-through the wall. It carries a braid whose threads stretch, and ends that open like cones. The pull is
-what the energy of rubber, threads and fluid changes by when the muscle becomes longer: no stress, no
-mean strain, no force balance of a section is taken.
+A thick tube of incompressible rubber, a braid of stretching threads and conical ends. With the length x
+of the cylinder, the threads' length b and the active length L(x, b):
 
     E(x, b) = U(x, b) - P V(x, b) + k (b - b0)^2 / 2,    dE/dx = F dL/dx,    dE/db = F dL/db
 
-with the length x of the cylinder between the ends, the threads' length b and the active length L(x, b).
-Derivatives are complex steps, exact to rounding.
-
-`alike_tube` fits such a muscle to a real map: law, filler, ends and rig are drawn and held; modulus,
-angle, deadband, threads and the rest are fitted. What several of them disagree by is what the map leaves
-open.
+`alike_tube` fits such a muscle to a real map; what several disagree by is what the map leaves open.
 """
 
 import dataclasses

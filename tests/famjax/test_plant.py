@@ -10,15 +10,7 @@ from scipy.integrate import solve_ivp
 
 from famjax import plant as plants
 from famjax.boundary.errors import InputError
-from famjax.plant import (
-    TICK,
-    Command,
-    LinearMcKibben,
-    MovingLoad,
-    Plant,
-    PneumaticCircuit,
-    simulate,
-)
+from famjax.plant import TICK, Command, LinearMcKibben, Plant, PneumaticCircuit, simulate
 from famjax.slip import MaxwellSlip, SlipElements
 from famjax.units import INCH, LBF, PSI
 from rig.controller import DeviceControl, Latch
@@ -269,7 +261,7 @@ def test_a_regulated_plant_holds_its_set_pressure_through_a_stroke():
 
 def test_each_muscle_of_a_regulated_joint_holds_its_own_set_pressure():
     muscle = LinearMcKibben()
-    load = MovingLoad.joint(0.02, radii=(0.03, -0.03), lengths=(0.22, 0.22), damping=0.5)
+    load = plants.MovingLoad.joint(0.02, radii=(0.03, -0.03), lengths=(0.22, 0.22), damping=0.5)
     joint = Plant((PneumaticCircuit(),) * 2, (muscle,) * 2, load)
     regulated = plants.Regulated(joint, plants.PressureController(4 / 255 / PSI, 2 / 255 / PSI))
     states = simulate(regulated, Command(np.tile([40 * PSI, 20 * PSI], (4000, 1))), TICK)

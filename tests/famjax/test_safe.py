@@ -149,7 +149,9 @@ def test_a_model_that_falls_is_taken_where_it_rises_and_that_is_said():
     falling = polynomial([0.5, 0.5, 0.5, 0.2, 0.1, 0.1, 0.9])
     of = SafeMuscle.of(falling, [0.24, 0.3], [0.0, 6e5])
     assert float(of.region.pressure[0]) > 0
-    assert any("rises with length and pressure only for" in note and "kPa" in note for note in of.notes)
+    assert any(
+        "rises with length and pressure only for" in note and "kPa" in note for note in of.notes
+    )
     assert SafeMuscle.of(LATEX, [0.27, 0.3], [2e5, 6e5]).notes == ()
     kind = famjax.Muscle(LATEX.geometry, famjax.PolynomialMaterial([-9e7]), 0.0)
     with pytest.raises(InputError, match="cannot be continued safely"):

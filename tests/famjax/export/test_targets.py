@@ -2,7 +2,6 @@
 
 import dataclasses
 import re
-import runpy
 import struct
 from pathlib import Path
 
@@ -69,7 +68,10 @@ def octave(folder: Path, commands: str) -> dict[str, np.ndarray]:
 
 
 @needs("octave-cli")
-def test_octave_computes_the_equations(dmsp_20, tmp_path):
+@pytest.mark.parametrize("compliance", [0.0, 3e-5], ids=["rigid", "compliant rig"])
+def test_octave_computes_the_equations(compliance, dmsp_20, tmp_path):
+    mounted = famjax.MountedMuscle(dmsp_20.card.members[0].muscle, compliance, 0.8)
+    dmsp_20 = Subject.of_card(dataclasses.replace(dmsp_20.card, members=(mounted,)))
     export(dmsp_20, ["matlab", "python"], tmp_path)
     rng, region = np.random.default_rng(5), dmsp_20.muscle.region
     L, P = (rng.uniform(low, high, 10_000) for low, high in (region.length, region.pressure))
@@ -92,23 +94,7 @@ def test_octave_computes_the_equations(dmsp_20, tmp_path):
     assert back["X"][1, 2] == back["S"]
     assert np.isnan(back["N"]).all()
     assert "L must be in m" in str(back["M"])
-
-
-@needs("octave-cli")
-def test_a_muscle_in_a_compliant_rig_is_its_equations_and_a_coarse_table(dmsp_20, tmp_path):
-    (member,) = dmsp_20.card.members
-    rig = famjax.MountedMuscle(member.muscle, 3e-5, 0.8)
-    subject = Subject.of_card(dataclasses.replace(dmsp_20.card, members=(rig,)))
-    export(subject, ["matlab", "python"], tmp_path)
-    rng, region = np.random.default_rng(6), subject.muscle.region
-    L, P = (rng.uniform(low, high, 1000) for low, high in (region.length, region.pressure))
-    force = np.asarray(subject.muscle.force(L, P))
-    savemat(tmp_path / "states.mat", {"L": L, "P": P})
-    back = octave(tmp_path, "load states.mat; F = dmsp_20_force(L, P); save -v7 back.mat F")
-    module = runpy.run_path(str(tmp_path / "dmsp_20.py"))
-    for found in (back["F"], module["force"](L, P)):
-        np.testing.assert_allclose(found, force, rtol=0, atol=1e-12 * force.max())
-    assert 1e-6 < subject.errors.force < 5e-3
+    assert dmsp_20.errors.force < 5e-3  # of the table, which is coarser with a compliant rig
 
 
 @needs("octave-cli")
