@@ -1,12 +1,9 @@
 """Force maps of which the truth is known between the readings, too; nothing here is of famjax.
 
-The truth of a state is what a perfect repetition of the same test on the same rig would read there: the
-rig's give, the load cell's gain and the branch that was recorded are in it, noise is not. Three groups:
+The truth of a state is what a perfect repetition of the test on the same rig would read.
 
-own: random muscles of `tubes.py` in ordinary laboratories: rigs, grids, noise, files.
-hard: such muscles fitted to the map of the DMSP-10-250, with 1 N of noise and nothing said of the specimen.
-bundled: both bundled maps whole, thinned and with noise; their truth is the fit of the whole.
-"""
+own: random muscles of `tubes.py`. hard: such muscles fitted to the DMSP-10-250, with 1 N of noise.
+bundled: both bundled maps whole, thinned and with noise; their truth is the fit of the whole."""
 
 import dataclasses
 import itertools
