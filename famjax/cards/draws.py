@@ -1,6 +1,6 @@
 """Sample muscles from the uncertainty of a fit, by varying all parameters of one model together."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
@@ -27,7 +27,8 @@ def draw(
 ) -> Sample:  # fmt: skip
     """Sample muscles from the covariance of a fit; each of them has a safe continuation.
 
-    x = x0 + sum z_k d_k with z_k standard normal. A draw is rejected if it does not describe a possible
+    The declared parameters p are sampled as p0 + sum z_k dp_k, with z_k standard normal, and the numbers
+    follow from them. A draw is rejected if it does not describe a possible
     muscle: if a parameter leaves its declared range, the force is undefined somewhere in the region, or
     the force rises with pressure and length in less than nine tenths of the region.
 
@@ -45,16 +46,16 @@ def draw(
             linear theory predicts, because the parameters lie on a curved ridge.
     """
     first = members[0]
-    flat, _ = flatten(first)
+    flat, moved = flatten(first)[0], _mover(first, directions)
     rng, kept, tried = np.random.default_rng(seed), [], 0
     while len(kept) < count and tried < _TRIES * count:
         z = rng.standard_normal((_AT_ONCE, len(directions)))
-        rows = np.asarray(flat) + z @ directions
+        rows = np.asarray(moved(z))
         good, rises = map(np.asarray, _looked_at(tuple(members), weights, region, rows))
         kept += [
-            row
-            for row, one, cells in zip(rows, good, rises, strict=True)
-            if one and largest_share(cells) >= _RISES
+            one
+            for one, valid, cells in zip(z, good, rises, strict=True)
+            if valid and largest_share(cells) >= _RISES
         ]
         tried += _AT_ONCE
     if len(kept) < count:
@@ -62,15 +63,14 @@ def draw(
             f"only {len(kept)} of {tried} sampled muscles are valid, but {count} are needed: the fit "
             "does not determine the parameters well enough"
         )
-    far = np.array(kept[:count])
-    near = np.asarray(flat) + _NEAR * (far - np.asarray(flat))
+    far, near = (np.asarray(moved(scale * np.array(kept[:count]))) for scale in (1.0, _NEAR))
     close, away = _spreads(first, region, np.stack([flat, *near, *far]))
     if float(away) > _CURVED * float(close) / _NEAR:
         raise InputError(
             "the parameters lie on a curved ridge, so muscles sampled from the covariance would spread too "
             "far: use fitting.sample, which samples the posterior"
         )
-    return Sample(seed, list(number_names(first)), np.array(kept[:count]).tolist())
+    return Sample(seed, list(number_names(first)), far.tolist())
 
 
 @quick_jit
@@ -88,6 +88,27 @@ def _looked_at(
         return possible, jnp.asarray(rising(at)) | slack(at)
 
     return jax.lax.map(one, jnp.asarray(rows))  # one by one: equilibrium shapes need memory
+
+
+def _mover(muscle: MountedMuscle, directions: np.ndarray) -> Callable[[np.ndarray], Array]:
+    """Return the function that moves a muscle's numbers along directions, linearly in its parameters.
+
+    Numbers that do not follow from declared parameters move linearly themselves.
+    """
+    flat, rebuilt = flatten(muscle)
+    names = tuple(muscle.declared())
+
+    def declared(numbers: Array) -> Array:
+        values = rebuilt(numbers).parameters()
+        return jnp.stack([values[name] for name in names])
+
+    def numbers(values: Array) -> Array:
+        return flatten(muscle.with_parameters(dict(zip(names, values, strict=True))))[0]
+
+    own = declared(flat)
+    along = jnp.asarray(directions) @ jax.jacfwd(declared)(flat).T
+    others = directions - along @ jax.jacfwd(numbers)(own).T
+    return lambda z: jax.vmap(numbers)(own + z @ along) + z @ others
 
 
 @quick_jit
