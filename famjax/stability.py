@@ -28,7 +28,7 @@ class PathStrains(eqx.Module):
     station_weights: Float[Array, "... stations"]
 
     def modulus(self, material: AbstractMaterial) -> RealArray:
-        """Return the second-order work per square of the strain increment [Pa]; see `path_modulus`."""
+        """Return the second-order work divided by the squared strain increment [Pa]; see `path_modulus`."""
         pressure = self.pressure[..., None]
         stress_rate = jax.jvp(
             lambda axial, hoop: material.stresses(axial, hoop, pressure),
@@ -74,7 +74,7 @@ def path_strains(geometry: AbstractGeometry, length: Real, pressure: Real) -> Pa
 def path_modulus(
     material: AbstractMaterial, geometry: AbstractGeometry, length: Real, pressure: Real
 ) -> RealArray:
-    """Return the bladder's second-order work along the actuation path per square of the strain increment.
+    """Return the bladder's second-order work along the actuation path, divided by the squared strain.
 
     (d sigma_z d eps_z + d sigma_c d eps_c) / (d eps_z^2 + d eps_c^2), with increments along L at
     constant pressure. For a law that does not couple the two directions, this is a weighted mean of

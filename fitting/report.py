@@ -347,7 +347,7 @@ class Findings:
         result, errors, judged = self.result, self.result.errors, self.judged
         told = [f"{judged.level.capitalize()}.", *judged.reasons[:2]]
         if others := len(judged.reasons) - 2:
-            told += ["The notes list further doubts."] if others > 0 else []
+            told += ["The notes list further concerns."] if others > 0 else []
         told.append(judged.unchecked)
         model = in_words(result)
         if self.choice is not None:

@@ -101,7 +101,7 @@ _CHECKS: tuple[tuple[str, float, type[errors.ImagingError], str], ...] = (
     ("tape_sd_px", 5.0, errors.AmbiguousHue, "the edge of each tape must be straight: check for a torn or "
      "covered tape"),
 )  # fmt: skip
-"""Figures of `Quality`, their limits, and the error raised for a value beyond the limit.
+"""Fields of `Quality`, their limits, and the error raised when a value exceeds its limit.
 
 `blur_ratio` compares the blur of the tape edges along the axis with the blur of the outline across it: the
 larger blur divided by the smaller. With a lens blur of 1 px, the limit of `blur_ratio` is reached if the
