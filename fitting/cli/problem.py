@@ -267,7 +267,8 @@ def _print(found: report.Findings, units: Units, *, verbose: bool) -> None:
         print("\n".join(("", *(f"note: {one}" for one in notes))))
     print_lines(found.summary(units))
     if notes and not verbose:
-        print(f"For {len(notes)} notes and all tables, see report.html or use --verbose")
+        many = f"{len(notes)} note{'s' * (len(notes) != 1)}"
+        print(f"For {many} and all tables, see report.html or use --verbose")
 
 
 def _options(
