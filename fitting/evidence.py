@@ -487,7 +487,7 @@ def evidence_warnings(evidence: Evidence, result: Identification) -> tuple[str, 
         if one.rmse > 2 * result.errors.rmse and np.isfinite(one.rmse):
             found.append(
                 f"The error with one {one.groups} left out is {one.rmse / result.errors.rmse:.2g} "
-                f"times the in-sample error: do not extrapolate to other {one.groups}s."
+                f"times the in-sample error: predictions at other {one.groups}s may be much less accurate."
             )
     if evidence.hysteresis is not None:
         found += hysteresis_warnings(evidence.hysteresis)

@@ -427,7 +427,8 @@ class Findings:
             for what, value, spread, kind in rows[:5]
         ]
         at = Quantity(level, "pressure").in_units(system)
-        title = f"The muscle in five numbers, with standard errors. Force and contraction apply at {at}."
+        title = f"The muscle in five numbers, with standard errors. Blocked force at {at}"
+        title += " and free contraction at that pressure." if end else "."
         return title, ("quantity", "value", "std. error", "unit"), text
 
     def model(self, system: str) -> list[str]:

@@ -88,7 +88,7 @@ class StaticMap:
         notes = [
             f"Forces are quasi-static (mean of fill and vent branches of {len(self.points.records)} "
             f"records). The reading at atmospheric pressure, {self.points.atmosphere / 1e3:.4g} kPa, was "
-            "subtracted.",
+            "subtracted. Forces are used as recorded, so correct an offset of the load cell first.",
             f"{int((~kept).sum())} of {self.slack.size} rows are slack (below "
             f"{self.points.slack_below:.4g} N) and were left out.",
         ]

@@ -89,7 +89,8 @@ def _summary(source: Source) -> str:
     shape = f" The shape was fitted to {len(surface.used)} photographs." if surface else ""
     return (
         f"The RMS error of the model is {source.number(rmse, 'force', 3)} {unit}, "
-        f"or {100 * rmse / most:.2g} % of the largest force ({source.number(most, 'force')} {unit}).{shape}"
+        f"or {100 * rmse / most:.2g} % of the largest force in the fit "
+        f"({source.number(most, 'force')} {unit}).{shape}"
     )
 
 
