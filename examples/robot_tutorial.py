@@ -44,7 +44,8 @@ print(f"200 N at 5 bar: {1e3 * lengths[20]:.1f} mm, lifted {-1e8 * slopes[20]:.2
 
 # %% [markdown]
 # Export the muscle. `robot.c` needs no library. The XML file for MuJoCo models a load that hangs from
-# the muscle. `install` connects the muscle to the actuator, whose control input is the pressure in Pa.
+# the muscle; its weight is not 200 N, but is chosen for the muscle. `install` connects the muscle to
+# the actuator, whose control input is the pressure in Pa.
 
 # %%
 subject = famjax.export.Subject("robot", muscle, card)

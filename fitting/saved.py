@@ -420,12 +420,12 @@ def series_as_dict(series: Series, origin: Origin | None = None) -> dict[str, An
 
 def card_of(
     fit: Identification, *, name: str | None = None, count: int = 32, seed: int = 0,
-    origin: Origin | None = None,
+    origin: Origin | None = None, rig: bool = True,
 ) -> MuscleCard:  # fmt: skip
     """Create the muscle card for a fitted muscle.
 
-    The card's force is the force measured in the rig used for the fit; for a series, the weighted mean over
-    its models.
+    The card's force is the force measured in the rig used for the fit, or that of the muscle alone; for a
+    series, it is the weighted mean over its models.
 
     Args:
         fit: result of `load_fit` or `identify`.
@@ -434,22 +434,25 @@ def card_of(
             fit without standard errors.
         seed: random seed for the sample.
         origin: date and command of the card, in addition to those of the fit.
+        rig: False to leave out a compliant rig; there is then no sample.
 
     Raises:
         InputError: the model is not monotonic in any region, or too few muscles can be sampled.
     """
     document, outlook = fit.document or fit_as_dict(fit), fit.outlook
-    data = fit.data
+    data, members = fit.data, (fit.mounted, *outlook.others)
+    if not rig:
+        members = tuple(famjax.MountedMuscle(one.muscle, 0.0) for one in members)
     card = MuscleCard(
         name=name or data.specimen.name or "unnamed",
-        members=(fit.mounted, *outlook.others),
+        members=members,
         weights=np.array(outlook.weights),
         data=Region.of(data.length, data.pressure),
         hysteresis=outlook.hysteresis,
-        provenance=_provenance(document, origin, _cautions(fit)),
+        provenance=_provenance(document, origin, _cautions(fit, rig=rig)),
     )
     directions = np.array(document["spread"]["directions"])
-    if not directions.size or count <= 0:
+    if not rig or not directions.size or count <= 0:
         return card
     try:
         drawn = draw(card.members, card.weights, directions, card.region, seed=seed, count=count)
@@ -460,7 +463,7 @@ def card_of(
     return dataclasses.replace(card, draws=drawn)
 
 
-def _cautions(fit: Identification) -> list[str]:
+def _cautions(fit: Identification, *, rig: bool) -> list[str]:
     """Return notes on the use of the muscle, for the card and everything made from it."""
     notes = []
     if equivalent_sizes(fit):
@@ -469,10 +472,14 @@ def _cautions(fit: Identification) -> list[str]:
             "absolute volume is not"
         )
     if fit.deflection > 0:
+        deflects = f"deflects by {1e3 * fit.deflection:.3g} mm at the largest measured force"
         notes.append(
-            f"the force includes a compliant test rig, which deflects by {1e3 * fit.deflection:.3g} mm "
-            "at the largest measured force; in another mounting, the muscle is stiffer"
-        )
+            f"the force includes a compliant test rig, which {deflects}; for use in another mounting, "
+            "leave it out with famjax card --without-rig"
+            if rig else
+            f"the test rig, which {deflects}, is left out: the force is that of the muscle alone, so it "
+            "differs from the readings"
+        )  # fmt: skip
     return notes
 
 

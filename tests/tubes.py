@@ -1,11 +1,8 @@
 """Force of a muscle by virtual work on its whole energy: a physics written apart from famjax.
 
-A thick tube of incompressible rubber, a braid of stretching threads and conical ends. With the length x
-of the cylinder, the threads' length b and the active length L(x, b):
+With the length x of the cylinder, the threads' length b and the active length L(x, b):
 
     E(x, b) = U(x, b) - P V(x, b) + k (b - b0)^2 / 2,    dE/dx = F dL/dx,    dE/db = F dL/db
-
-`alike_tube` fits such a muscle to a real map; what several disagree by is what the map leaves open.
 """
 
 import dataclasses

@@ -13,7 +13,15 @@ from famjax.boundary.files import as_svg, csv_text
 from famjax.boundary.toml_file import Form, NotNegative, Positive, from_entries
 from famjax.boundary.units import parse_quantity, sentence_in_units, unit_system
 from famjax.compilation_cache import start_jax
-from famjax.console import Output, Units, add_cwd_to_path, in_units, print_json, print_rows
+from famjax.console import (
+    Output,
+    Units,
+    add_cwd_to_path,
+    in_units,
+    print_json,
+    print_rows,
+    progress,
+)
 
 if TYPE_CHECKING:
     from famjax.plant import AbstractCircuit
@@ -96,6 +104,7 @@ def simulate(
         Print one JSON object in SI units on standard output, and nothing else.
     """
     start_jax()
+    import jax
     import numpy as np
 
     from famjax.compile_options import quick_jit
@@ -112,7 +121,9 @@ def simulate(
     drives = [one.force if plant.load.moves else one.rate for one in steps]
     command = Command(*(np.repeat(np.array(one, float), counts) for one in (
         asked, [one.dump for one in steps], drives)))  # fmt: skip
-    states = quick_jit(run)(system, command, TICK, start=system.start(length))
+    with progress("simulating"):
+        states = quick_jit(run)(system, command, TICK, start=system.start(length))
+        jax.block_until_ready(states)
     states = getattr(states, "plant", states)
     time = TICK * np.arange(1, sum(counts) + 1)
     found = np.stack([time, states.pressure, states.position, states.force], axis=1)

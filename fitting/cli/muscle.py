@@ -278,6 +278,7 @@ def card(
     output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
     name: str | None = None,
     sample: int = 32,
+    without_rig: bool = False,
     own: tuple[str, ...] = (),
 ) -> int:
     """Write a fit as a muscle card: one file for a simulator, a controller or a colleague.
@@ -298,6 +299,8 @@ def card(
     sample
         Sample this number of muscles from the uncertainty of the fit; 0 for none. Sampling requires a fit
         with standard errors.
+    without_rig
+        Leave out a compliant test rig, for use of the muscle in another mounting.
     own
         Trust this module, which contains your own classes (repeatable), as in `--own my_rubber`. Other
         modules are not imported.
@@ -311,7 +314,9 @@ def card(
         add_cwd_to_path()
     saved = load_fit(fit_json, own=own)
     with progress("sampling muscles"):
-        found = card_of(saved, name=name, count=sample, origin=Origin.of_this_command())
+        found = card_of(
+            saved, name=name, count=sample, origin=Origin.of_this_command(), rig=not without_rig
+        )  # fmt: skip
     warn_unidentified(fit_json, found.provenance.verdict, found.provenance.reasons)
     path = write_card(found, fit_json.parent / "card.json" if output is None else output)
     mean = f", mean of {len(found.members)} models" * (len(found.members) > 1)

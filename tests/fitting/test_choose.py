@@ -219,13 +219,15 @@ def test_a_fit_file_and_a_card_keep_the_rig(identified, tmp_path):
     L, P = np.array([0.24]), np.array([4e5])
     (row,) = predict(saved, L, P)
     assert row["force_N"] == pytest.approx(float(identified.predict(L, P)[0]), rel=ROUNDED)
-    # Of another rest length it is in the same rig.
     (other,) = predict(saved, np.array([0.19]), P, rest_length=0.2)
     shorter = identified.mounted.with_muscle(famjax.cut_to_length(identified.muscle, 0.2))
     assert other["force_N"] == pytest.approx(float(shorter.force(0.19, 4e5)), rel=ROUNDED)
     card = card_of(saved)
     assert card.members[0].exponent == identified.mounted.exponent
     assert float(card.muscle.force(0.24, 4e5)) == pytest.approx(row["force_N"], rel=ROUNDED)
+    bare, alone = card_of(saved, rig=False), float(saved.muscle.force(0.24, 4e5))
+    assert float(bare.muscle.force(0.24, 4e5)) == pytest.approx(alone, rel=ROUNDED)
+    assert "is left out" in bare.provenance.notes[-1]
 
 
 @pytest.mark.slow

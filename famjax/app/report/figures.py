@@ -197,9 +197,9 @@ def by_pressure(source: Source) -> Drawn:
         "stroke. 'Left over' is the fluid's work that goes into neither the load nor the bladder. "
         "If it is negative, the force model creates energy. With the measured shape, this is expected, "
         "because Gaylord's force term was derived for a cylinder. Virtual work conserves energy, but it "
-        "needs the derivative of the measured volume, which amplifies errors. In simulations, use the model "
-        "from famjax fit. Where a geometry has no line, its force does not reach zero; beyond the measured "
-        "contractions, a line is extrapolated. "
+        "needs the derivative of the measured volume, which amplifies errors. In simulations, use the "
+        "model from famjax fit. Where a geometry has no line, its force does not reach zero; beyond the "
+        "measured contractions, a line is extrapolated. "
         "Efficiency is the work done on the load divided by the work done by the fluid."
     )
 
