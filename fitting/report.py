@@ -352,6 +352,9 @@ class Findings:
         model = in_words(result)
         if self.choice is not None:
             model += f"; chosen from {len(self.choice.tried)} models by cross-validation"
+        if result.deflection > 0:
+            give = Quantity(result.deflection, "length", 3).in_units(system)
+            model += f"; the rig deflects by {give} at the largest force"
 
         def force(value: float) -> str:
             return Quantity(value, "force", 3).in_units(system)
