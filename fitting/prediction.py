@@ -34,6 +34,7 @@ _SAME = 5e-4  # relative difference below which two lengths are the same
 _FARTHEST = 3.4
 """Largest ratio of rest lengths for which predictions from one specimen were tested (83 and 281 mm)."""
 
+_ROUNDED = 1e-4  # of the rest length: a measured length typed with four digits is inside
 _MOST = 10.0
 """Largest trusted force outside the measured lengths, relative to the largest reading."""
 
@@ -325,7 +326,7 @@ class Reach:
         if rest_length is not None:
             muscle = famjax.cut_to_length(muscle, rest_length)
         self.rest_length = fitted if rest_length is None else rest_length
-        rounding = 1e-4 * self.rest_length
+        rounding = _ROUNDED * self.rest_length
         self.lengths = (
             float(min(ratios)) * self.rest_length - rounding,
             float(max(ratios)) * self.rest_length + rounding,

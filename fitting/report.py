@@ -346,8 +346,8 @@ class Findings:
         """Return the summary lines, each a label and a sentence."""
         result, errors, judged = self.result, self.result.errors, self.judged
         told = [f"{judged.level.capitalize()}.", *judged.reasons[:2]]
-        if others := len(judged.reasons) - 2:
-            told += ["The notes list further concerns."] if others > 0 else []
+        if len(judged.reasons) > 2:
+            told.append("The notes list further concerns.")
         told.append(judged.unchecked)
         model = in_words(result)
         if self.choice is not None:

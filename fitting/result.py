@@ -323,6 +323,9 @@ def check_identified(result: object) -> None:
 
 
 _GEOMETRY = ("braid_diameter", "braid_angle", "deadband_pressure", "rest_length", "end_factor")
+_SOFT = (
+    0.25  # of the stroke; a deflection above it is doubted: test rigs give way by a few per cent
+)
 _PLAIN_AT = {
     "deadband_pressure": "low", "end_factor": "low", "end_length": "low", "braid_compliance": "low",
     "series_compliance": "low", "series_exponent": "high",
@@ -434,7 +437,7 @@ def remarks(result: Identification) -> list[Remark]:
         (missed > 0.03, 1, f"The computed profiles differ from the photographed ones by {missed:.0%} RMS. "
          "Check the dimensions of the braid and bladder and their bounds, or use the measured shape."),
         (outlying, 1 + (outlying > 0.25 * count), off),
-        (result.deflection > 0.25 * stroke, 1, soft),
+        (result.deflection > _SOFT * stroke, 1, soft),
         (pull > 2 * errors.rmse or level, level, slack),
         (certificate.n_agreeing < 2 < certificate.n_starts, 0,
          "Only one start reached the best fit: use more starts (starts= in Python)."),

@@ -440,7 +440,7 @@ def card_of(
         InputError: the model is not monotonic in any region, or too few muscles can be sampled.
     """
     document, outlook = fit.document or fit_as_dict(fit), fit.outlook
-    data, members = fit.data, (fit.mounted, *outlook.others)
+    data, members, rig = fit.data, (fit.mounted, *outlook.others), rig or fit.deflection == 0
     if not rig:
         members = tuple(famjax.MountedMuscle(one.muscle, 0.0) for one in members)
     card = MuscleCard(

@@ -25,12 +25,7 @@ _NO_MUSCLE, _FAR_OFF = 1e4, 8.0  # N: where there is no equilibrium; RMSE after 
 
 @dataclasses.dataclass(frozen=True)
 class Rubber:
-    """A strain energy in the principal stretches.
-
-    Its shape is, for mooney-rivlin: part of the modulus that goes with the second invariant; ogden:
-    exponents of two terms, part of the modulus in the second; gent: limit of I1 - 3; yeoh: second and
-    third coefficient over the first.
-    """
+    """A strain energy in the principal stretches."""
 
     law: Law
     modulus: float  # initial shear modulus

@@ -366,15 +366,9 @@ class MuscleCard:
         old = float(self.muscle.rest_length)
         lost = "" if self.hysteresis is None else ", without hysteresis"
         notes = [*self.provenance.notes, f"cut from {old:.6g} to {rest_length:.6g} m{lost}"]
-        lengths = rest_length / old * np.asarray(self.data.length)
-        # The rest length was fitted within its rounding, but it was measured.
-        lengths = np.where(abs(lengths / rest_length - 1) < _SAME, rest_length, lengths)
-        data = Region(lengths, self.data.pressure)
+        data = Region(rest_length / old * self.data.length, self.data.pressure)
         provenance = msgspec.structs.replace(self.provenance, notes=notes)
         return MuscleCard(self.name, members, self.weights, data, provenance=provenance)
-
-
-_SAME = 2e-3  # largest difference between a measured and a fitted rest length, as a fraction
 
 
 def _diameter_at_rest(mounted: AbstractMuscle) -> float:

@@ -1,6 +1,6 @@
 """Sample muscles from the uncertainty of a fit, by varying all parameters of one model together."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -46,11 +46,11 @@ def draw(
             linear theory predicts, because the parameters lie on a curved ridge.
     """
     first = members[0]
-    flat, moved = flatten(first)[0], _mover(first, directions)
+    flat, _ = flatten(first)
     rng, kept, tried = np.random.default_rng(seed), [], 0
     while len(kept) < count and tried < _TRIES * count:
         z = rng.standard_normal((_AT_ONCE, len(directions)))
-        rows = np.asarray(moved(z))
+        rows = np.asarray(_moved(first, directions, z))
         good, rises = map(np.asarray, _looked_at(tuple(members), weights, region, rows))
         kept += [
             one
@@ -63,7 +63,8 @@ def draw(
             f"only {len(kept)} of {tried} sampled muscles are valid, but {count} are needed: the fit "
             "does not determine the parameters well enough"
         )
-    far, near = (np.asarray(moved(scale * np.array(kept[:count]))) for scale in (1.0, _NEAR))
+    z = np.array(kept[:count])
+    near, far = (np.asarray(_moved(first, directions, scale * z)) for scale in (_NEAR, 1.0))
     close, away = _spreads(first, region, np.stack([flat, *near, *far]))
     if float(away) > _CURVED * float(close) / _NEAR:
         raise InputError(
@@ -90,8 +91,9 @@ def _looked_at(
     return jax.lax.map(one, jnp.asarray(rows))  # one by one: equilibrium shapes need memory
 
 
-def _mover(muscle: MountedMuscle, directions: np.ndarray) -> Callable[[np.ndarray], Array]:
-    """Return the function that moves a muscle's numbers along directions, linearly in its parameters.
+@quick_jit
+def _moved(muscle: MountedMuscle, directions: Any, z: Any) -> Array:
+    """Return the numbers of muscles moved by z, shape (muscles, directions), linearly in the parameters.
 
     Numbers that do not follow from declared parameters move linearly themselves.
     """
@@ -106,9 +108,9 @@ def _mover(muscle: MountedMuscle, directions: np.ndarray) -> Callable[[np.ndarra
         return flatten(muscle.with_parameters(dict(zip(names, values, strict=True))))[0]
 
     own = declared(flat)
-    along = jnp.asarray(directions) @ jax.jacfwd(declared)(flat).T
+    along = directions @ jax.jacfwd(declared)(flat).T
     others = directions - along @ jax.jacfwd(numbers)(own).T
-    return lambda z: jax.vmap(numbers)(own + z @ along) + z @ others
+    return jax.vmap(numbers)(own + z @ along) + z @ others
 
 
 @quick_jit

@@ -23,6 +23,7 @@ Files = dict[str, bytes]
 
 _LENGTHS, _PRESSURES = 129, 41  # grid of a CSV file
 _FARTHEST = 2.0  # length, relative to the longest, above which a closed form assumes a wrong unit
+_SAME = 2e-3  # largest difference between a measured and a fitted rest length, as a fraction
 _ASKED = 1000  # states
 _BEYOND = 0.5  # extension of the grid, as a fraction of the distance from the data to a stop
 
@@ -81,7 +82,10 @@ def _closed(
     form = closed_form(inside.muscle)
     if form is None:
         return None
-    ends = (*map(float, inside.region.length), *map(float, inside.region.pressure))
+    (short, long), pressures = map(float, inside.region.length), map(float, inside.region.pressure)
+    rest = float(inside.muscle.rest_length)
+    # The rest length was fitted within its rounding; the longest measured length is meant to be inside.
+    ends = (short, rest if 0 < rest / long - 1 < _SAME else long, *pressures)
     words = {
         "name": subject.identifier, "NAME": subject.identifier.upper(), "HEADING": "",
         **dict(zip(("SHORTEST", "LONGEST", "LOWEST", "HIGHEST"), ends, strict=True)),

@@ -1,10 +1,4 @@
-"""Photographs of a muscle with the truth beside them, for tests, benchmarks and `examples/muscle`.
-
-Rays are cast at the surface of a woven body under lamps; the exact outline, length and diameters
-come from closed forms that the casting of rays does not use. A program that measures the pictures
-shares nothing with it but the pinhole and the sRGB curve. `folder` makes whole characterisation
-folders, with the simulated rig; it needs JAX, and is imported by its own name.
-"""
+"""Photographs of a muscle with the truth beside them, for tests, benchmarks and `examples/muscle`."""
 # ruff: noqa: F401 -- these are the names of the package
 
 from .exposure import LinearPhoto, Photo, damaged, expose

@@ -33,9 +33,7 @@ def write_twin(
 ) -> None:  # fmt: skip
     """Make a characterisation folder of a known muscle: the same arguments make the same bytes.
 
-    A test on the simulated rig in air, photographs of it, a ruler, the sheet, and the truth; with
-    noise, a shutter that jitters, clocks that drift and, if it is to be flawed, a damaged picture
-    and a second that the log lacks. What the file of a truth does not say is drawn.
+    If it is to be flawed, a picture is damaged and the log lacks a second.
     """
     assert not (folder / SHEET).exists(), folder
     made_of = drawn_truth(seed, size, flawed=flawed)

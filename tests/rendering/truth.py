@@ -55,9 +55,7 @@ def silhouette_from_profile(
 ) -> tuple[Array, Array, Array]:
     """Rows, left and right columns [px] of a body of revolution with radii R at y [m].
 
-    The surface point at azimuth phi is on the outline where its normal is square to the ray:
-    sin(phi - alpha) = (R - R' y) / rho, alpha = atan(x0 / d), rho = hypot(x0, d). Exact for a body
-    that does not hide itself.
+    On the outline sin(phi - alpha) = (R - R' y) / rho, alpha = atan(x0 / d), rho = hypot(x0, d).
     """
     y, R = np.asarray(y, float), np.asarray(R, float)
     slope, d = CubicSpline(y, R)(y, 1), camera.distance

@@ -135,6 +135,8 @@ def test_the_volume_is_that_of_virtual_work_and_goes_on_beyond_the_data():
     sides = np.array([0.25 - 1e-9, 0.25 + 1e-9, 0.3 - 1e-9, 0.3 + 1e-9])
     rates = jax.vmap(jax.grad(lambda L: card.volume(L, 3e5)))(sides)
     np.testing.assert_allclose(rates[::2], rates[1::2], rtol=1e-6)
+    wall = famjax.Bladder(0.2, 0.01, 1.8e-3, embedded=True)  # mid-wall 5 mm: bore 8.2 mm
+    assert float(wall.volume_within_braid) == pytest.approx(np.pi * 0.2 * (5e-3**2 - 4.1e-3**2))
 
 
 @pytest.mark.slow

@@ -110,12 +110,7 @@ class KneeRun(NamedTuple):
 
 
 def driven_knee(pull: TabulatedPull, *, overrun: float = 0.3, seconds: float = 10.0) -> KneeRun:
-    """Drive a knee to and fro past the stroke at changing pressures, then let it go.
-
-    The first six tenths of the time a servo swings it at 0.5 Hz so far that both muscles become
-    shorter and longer than in their data, at pressures from none to 1.3 times the highest. Then the
-    servo is off, the pressures are held, and it must come to rest. MuJoCo's default step.
-    """
+    """Swing a knee past the data, up to 1.3 times the highest pressure, then let it come to rest."""
     mujoco = _mujoco()
     short, long = pull.lengths[0], pull.lengths[-1]
     reach = (0.5 + overrun) * (long - short)

@@ -84,6 +84,16 @@ def test_a_control_that_is_hardly_in_pascal_is_said_once(hanging):
     assert len(found) == 1
 
 
+def test_a_control_beyond_its_range_is_limited_and_that_is_said(hanging):
+    model, data = hanging
+    data.ctrl[0] = highest = model.actuator_ctrlrange[0, 1]
+    mujoco.mj_forward(model, data)
+    pull, data.ctrl[0] = float(data.actuator_force[0]), 1.5 * highest
+    with pytest.warns(UserWarning, match="ctrlrange"):
+        mujoco.mj_forward(model, data)
+    assert float(data.actuator_force[0]) == pull < 0
+
+
 def test_the_pressure_may_be_a_state_of_the_actuator(subject, tmp_path):
     xml, _ = export(subject, ["mujoco"], tmp_path)
     text = xml.read_text().replace('gainprm="0"', 'dyntype="filter" dynprm="0.1" gainprm="0"')

@@ -44,6 +44,15 @@ def table(**options):
     return Table.from_rows(rows, scale_relative_stderr=SCALE, **options)
 
 
+def test_a_picture_from_another_camera_distance_is_rejected():
+    rows = [row(k, REST) for k in range(4)]
+    for k, distance in enumerate((1.52, 1.50, 0.345, 1.53)):
+        rows[k]["numbers"] |= {"distance": distance, "distance_stderr": 0.18 * distance**2}
+    found = Table.from_rows(rows)
+    assert found.ok.tolist() == [True, True, False, True]
+    assert "camera distance of 345 mm" in found.error[2]
+
+
 def cells(text):
     return list(csv.DictReader(io.StringIO(text)))
 
